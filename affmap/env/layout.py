@@ -1,0 +1,121 @@
+"""Worlds as data: what lies where, what it does and how it looks.
+
+What a circle does (its effect) and what it looks like (the channel of the view it is painted in) are separate.
+A layout knows nothing of physics; `conf/layout` holds the fixed ones.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import product
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, PositiveFloat, model_validator
+
+from affmap.settings import Settings
+from affmap.view import Map
+
+Effect = Literal["obstacle", "fog", "force_up", "force_down", "none"]
+
+
+class Circle(Settings):
+    """A round part of the world."""
+
+    center: tuple[float, float]
+    """x, y in u."""
+    radius: PositiveFloat
+    """u."""
+    effect: Effect
+    """What it does to the vehicle: blocks it, corrupts its reported position, pulls it up or down, or nothing."""
+    channel: str
+    """Name of the channel of the view that it is painted in."""
+
+
+class Layout(Settings):
+    """A world: the arena, its circles, and the squares in its corners where runs start and end.
+
+    Corners are numbered 0 lower left, 1 lower right, 2 upper left, 3 upper right; `3 - corner` is the opposite one.
+    """
+
+    name: str
+    size: tuple[PositiveFloat, PositiveFloat]
+    """Width and height of the arena, u."""
+    channels: tuple[str, ...] = Field(min_length=1)
+    """Names of the channels of the view, in order."""
+    border_channel: str
+    """Channel that everything outside the arena is painted in."""
+    start_margin: PositiveFloat
+    """Distance of the corner squares to the borders, u."""
+    start_side: PositiveFloat
+    """Side of the corner squares, u."""
+    circles: tuple[Circle, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(set(self.channels)) < len(self.channels):
+            raise ValueError(f"channels = {list(self.channels)} names a channel twice; give each its own name.")
+        if self.border_channel not in self.channels:
+            raise ValueError(f"border_channel = {self.border_channel!r} is not one of channels {list(self.channels)}.")
+        if 2 * (self.start_margin + self.start_side) > min(self.size):
+            raise ValueError(
+                f"start_side = {self.start_side} with start_margin = {self.start_margin} does not fit an arena of size "
+                f"{list(self.size)}; their sum must be at most {min(self.size) / 2}."
+            )
+        for index, circle in enumerate(self.circles):
+            (x, y), (width, height) = circle.center, self.size
+            if not (0 <= x <= width and 0 <= y <= height):
+                raise ValueError(
+                    f"circles[{index}].center = {[x, y]} is outside the arena; "
+                    f"x must be in [0, {width}] and y in [0, {height}]."
+                )
+            if circle.channel not in self.channels:
+                raise ValueError(
+                    f"circles[{index}].channel = {circle.channel!r} is not one of channels {list(self.channels)}."
+                )
+        return self
+
+    @cached_property
+    def map(self) -> Map:
+        """What can be seen of this world."""
+        circles = tuple((*circle.center, circle.radius, self.channels.index(circle.channel)) for circle in self.circles)
+        return Map(self.size, len(self.channels), self.channels.index(self.border_channel), circles)
+
+    def corner(self, corner: int) -> np.ndarray:
+        """Lower left and upper right point of a corner's square, `[2, 2]` in u."""
+        low = np.array([self.start_margin, self.start_margin])
+        if corner % 2:
+            low[0] = self.size[0] - self.start_margin - self.start_side
+        if corner // 2:
+            low[1] = self.size[1] - self.start_margin - self.start_side
+        return np.stack([low, low + self.start_side])
+
+    def is_free(self, positions: np.ndarray, radius: float) -> np.ndarray:
+        """Where a disc of `radius` (u) around each of `positions` `[..., 2]` meets no obstacle and no border: `[...]`."""
+        inside = (positions >= radius) & (positions <= np.array(self.size) - radius)
+        free = inside.all(-1)
+        for circle in self._obstacles:
+            free &= np.linalg.norm(positions - np.array(circle.center), axis=-1) >= circle.radius + radius
+        return free
+
+    def check_corners(self, radius: float) -> None:
+        """Make sure that a vehicle of `radius` (u) can stand anywhere in the corner squares.
+
+        Raises:
+            ValueError: an obstacle or a border reaches into one of them.
+        """
+        if self.start_margin < radius:
+            raise ValueError(f"start_margin = {self.start_margin} is too small for a vehicle of radius {radius}.")
+        obstacles = [(index, circle) for index, circle in enumerate(self.circles) if circle.effect == "obstacle"]
+        for corner, (index, circle) in product(range(4), obstacles):
+            low, high = self.corner(corner)
+            gap = float(np.linalg.norm(circle.center - np.clip(circle.center, low, high))) - circle.radius
+            if gap < radius:
+                raise ValueError(
+                    f"circles[{index}] (center {list(circle.center)}, radius {circle.radius}) blocks the start corner "
+                    f"x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g}: an obstacle must stay at least "
+                    f"{radius} away from it."
+                )
+
+    @property
+    def _obstacles(self) -> Sequence[Circle]:
+        return [circle for circle in self.circles if circle.effect == "obstacle"]

@@ -1,0 +1,110 @@
+"""A disc with four throttles in a Box2D world: forces in, position out.
+
+Knows no observations, rewards or pictures. A `Physics` is one world from start to end; begin anew by making a new
+one, because a Box2D world that bodies were removed from is not the world it was.
+"""
+
+import math
+from collections import Counter
+
+import Box2D
+import numpy as np
+from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
+
+from affmap.env.layout import Layout
+from affmap.settings import Settings
+
+THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
+"""`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
+
+
+class Vehicle(Settings):
+    """Physical constants (`conf/vehicle`)."""
+
+    radius: PositiveFloat
+    """u."""
+    mass: PositiveFloat
+    """kg."""
+    thrust: PositiveFloat
+    """Force of one throttle fully open, N."""
+    damping: NonNegativeFloat
+    """Linear damping in free flight, 1/s."""
+    contact_damping: NonNegativeFloat
+    """Linear damping while touching an obstacle or a border, 1/s."""
+    force: NonNegativeFloat
+    """Strength of a force field, N."""
+    fog_std: NonNegativeFloat
+    """Standard deviation of the noise on each coordinate of the position reported from inside fog, u."""
+    time_step_s: PositiveFloat
+    """Duration of a step, s."""
+    velocity_iterations: PositiveInt
+    """Box2D's solver iterations for velocities, a step."""
+    position_iterations: PositiveInt
+    """Box2D's solver iterations for positions, a step."""
+
+    @property
+    def top_speed(self) -> float:
+        """Speed at which damping balances two neighbouring throttles fully open, u per step."""
+        return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s
+
+
+class Physics:
+    """One vehicle in one world."""
+
+    def __init__(self, layout: Layout, vehicle: Vehicle, position: np.ndarray) -> None:
+        """Put the vehicle at rest at `position` `[2]` (u)."""
+        self.vehicle = vehicle
+        self.touching = False
+        self.in_fog = False
+        self._world = Box2D.b2World(gravity=(0, 0))
+        width, height = layout.size
+        corners = [(0, 0), (width, 0), (width, height), (0, height)]
+        for begin, end in zip(corners, corners[1:] + corners[:1], strict=True):
+            # Box2D gives edges a thickness of 0.01; without it the vehicle touches where the border is drawn.
+            edge = Box2D.b2EdgeShape(vertices=[begin, end], radius=0.0)
+            self._add(edge, effect="obstacle")
+        for circle in layout.circles:
+            if circle.effect != "none":
+                self._add(Box2D.b2CircleShape(pos=circle.center, radius=circle.radius), circle.effect)
+        density = vehicle.mass / (math.pi * vehicle.radius**2)
+        shape = Box2D.b2FixtureDef(shape=Box2D.b2CircleShape(radius=vehicle.radius), density=density, friction=0)
+        self._body = self._world.CreateDynamicBody(
+            position=(float(position[0]), float(position[1])), fixedRotation=True, allowSleep=False, fixtures=shape
+        )
+
+    def _add(self, shape: Box2D.b2Shape, effect: str) -> None:
+        fixture = Box2D.b2FixtureDef(
+            shape=shape, friction=0, restitution=0, isSensor=effect != "obstacle", userData=effect
+        )
+        self._world.CreateStaticBody(fixtures=fixture)
+
+    @property
+    def position(self) -> np.ndarray:
+        """Centre of the vehicle, `[2]` in u."""
+        return np.array(self._body.position)
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """`[2]` in u per step."""
+        return np.array(self._body.linearVelocity) * self.vehicle.time_step_s
+
+    def step(self, action: np.ndarray) -> None:
+        """Apply the throttles `action` `[4]`, each in [0, 1], for one time step.
+
+        Damping and force fields act as the vehicle's place at the beginning of the step demands.
+        """
+        vehicle = self.vehicle
+        effects = self._effects()
+        force = vehicle.thrust * action @ THROTTLES
+        force[1] += vehicle.force * (effects["force_up"] - effects["force_down"])
+        self._body.linearDamping = vehicle.contact_damping if effects["obstacle"] else vehicle.damping
+        self._body.ApplyForceToCenter((float(force[0]), float(force[1])), True)
+        self._world.Step(vehicle.time_step_s, vehicle.velocity_iterations, vehicle.position_iterations)
+        effects = self._effects()
+        self.touching, self.in_fog = effects["obstacle"] > 0, effects["fog"] > 0
+
+    def _effects(self) -> Counter[str]:
+        """How many things of each effect the vehicle touches or is inside of."""
+        touched = [edge.contact for edge in self._body.contacts if edge.contact.touching]
+        # Which of the two fixtures is the vehicle's (it has no effect) is Box2D's choice.
+        return Counter(contact.fixtureA.userData or contact.fixtureB.userData for contact in touched)

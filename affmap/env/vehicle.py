@@ -1,0 +1,184 @@
+"""The vehicle as a Gymnasium environment: what the agent is told, and what it is rewarded for.
+
+Knows no models and no planners.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from affmap.env.layout import Layout
+from affmap.env.physics import Physics, Vehicle
+from affmap.view import PIXELS, view
+
+RENDER_FPS = 30
+
+
+class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
+    """A round vehicle flies through an arena to a goal (Section 4.1 of the paper).
+
+    Action: `[4]`, opening of each throttle in [0, 1]; they push to the upper right, upper left, lower left and lower
+    right.
+
+    | observation | shape | unit | meaning |
+    |---|---|---|---|
+    | position | [2] | u | reported position; inside fog it carries noise |
+    | delta | [2] | u/step | change of the reported position in the last step |
+    | view | [K, 11, 11] | 0 or 1 | the 0.5 x 0.5 u around the true position, a channel for each kind of look |
+    | goal | [2] | u | where to fly |
+
+    Reward: minus the distance between true position and goal, in u. An episode never terminates; `affmap/Vehicle-v0`
+    truncates it after 200 steps.
+
+    | info | type | meaning |
+    |---|---|---|
+    | position | [2] | true position, u |
+    | touching | bool | an obstacle or a border is being touched |
+    | in_fog | bool | the vehicle overlaps fog |
+    | reached | bool | the distance to the goal is below `goal_radius` |
+
+    A run starts in the square of a random corner and has its goal in the opposite one. `reset(options=...)` takes
+    `corner` (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u).
+    """
+
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}
+
+    def __init__(
+        self,
+        layout: Layout | str = "original",
+        vehicle: Vehicle | str = "default",
+        goal_radius: float = 0.1,
+        render_mode: str | None = None,
+    ) -> None:
+        """Make an environment.
+
+        Args:
+            layout: the world, or the name of a file in `conf/layout`.
+            vehicle: the physical constants, or the name of a file in `conf/vehicle`.
+            goal_radius: distance below which the goal counts as reached, u.
+            render_mode: None, "rgb_array" or "human".
+
+        Raises:
+            ConfigError: no such file, or a value in it is not allowed.
+            ValueError: an unknown render mode, or an obstacle in a start corner.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode = {render_mode!r} is not one of {self.metadata['render_modes']} or None.")
+        self.layout = Layout.load("layout", layout) if isinstance(layout, str) else layout
+        self.vehicle = Vehicle.load("vehicle", vehicle) if isinstance(vehicle, str) else vehicle
+        self.layout.check_corners(self.vehicle.radius)
+        self.goal_radius = goal_radius
+        self.render_mode = render_mode
+        self.planned_positions: np.ndarray | None = None
+        """`[H, 2]` in u, drawn by `render` when given."""
+        self.action_space = spaces.Box(0.0, 1.0, (4,), np.float32)
+        self.observation_space = spaces.Dict(
+            {
+                "position": spaces.Box(-np.inf, np.inf, (2,), np.float32),
+                "delta": spaces.Box(-np.inf, np.inf, (2,), np.float32),
+                "view": spaces.MultiBinary([len(self.layout.channels), PIXELS, PIXELS]),
+                "goal": spaces.Box(np.zeros(2, np.float32), np.array(self.layout.size, np.float32)),
+            }
+        )
+        self._physics: Physics | None = None
+        self._canvas: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin a new episode in a new world, the vehicle at rest."""
+        super().reset(seed=seed)
+        options = options or {}
+        if unknown := set(options) - {"corner", "position", "goal"}:
+            raise ValueError(f"options {sorted(unknown)} are unknown; give corner, or position and goal.")
+        corner = options.get("corner")
+        corner = int(self.np_random.integers(4)) if corner is None else corner
+        if corner not in range(4):
+            raise ValueError(f"corner = {corner!r} is not one of 0, 1, 2, 3.")
+        start, goal = (self.np_random.uniform(*self.layout.corner(index)) for index in (corner, 3 - corner))
+        position = np.asarray(options.get("position", start), float)
+        if not self.layout.is_free(position, self.vehicle.radius):
+            raise ValueError(f"position = {position.tolist()} is not free: the vehicle would overlap something solid.")
+        self.goal = np.asarray(options.get("goal", goal), float)
+        self.action = np.zeros(4)
+        self.planned_positions = None
+        self._physics = Physics(self.layout, self.vehicle, position)
+        self._reported = self._report()
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(np.zeros(2)), self._info()
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Fly for one time step.
+
+        Raises:
+            ValueError: a throttle outside [0, 1], or not four of them.
+            gymnasium.error.ResetNeeded: there was no `reset` before.
+        """
+        self.action = np.asarray(action, float)
+        if self.action.shape != (4,) or not ((self.action >= 0) & (self.action <= 1)).all():
+            raise ValueError(f"action = {self.action.tolist()} is not allowed: give four numbers in [0, 1].")
+        physics = self._running()
+        physics.step(self.action)
+        last, self._reported = self._reported, self._report()
+        if self.render_mode == "human":
+            self.render()
+        info = self._info()
+        return self._observation(self._reported - last), -self._distance(), False, False, info
+
+    def probe(self, positions: np.ndarray) -> np.ndarray:
+        """The look-up map of the paper: local views at any `positions` `[..., 2]` (u), `[..., K, 11, 11]` bool."""
+        return view(self.layout.map, np.asarray(positions, float))
+
+    def render(self) -> np.ndarray | None:
+        """The picture of now: `[400, 600, 3]` uint8 for "rgb_array"; for "human" it goes to a window."""
+        from affmap.env.rendering import Canvas  # pygame is needed for pictures only
+
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with one.")
+            return None
+        if self._canvas is None:
+            self._canvas = Canvas(self.layout, self.vehicle, window=self.render_mode == "human")
+        physics = self._running()
+        self._canvas.draw(physics.position, self.action, self.goal, self.goal_radius, self.planned_positions)
+        return self._canvas.show(RENDER_FPS) if self.render_mode == "human" else self._canvas.array()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._canvas is not None:
+            self._canvas.close()
+            self._canvas = None
+
+    def _running(self) -> Physics:
+        if self._physics is None:
+            raise gymnasium.error.ResetNeeded("Call reset() before the first step() or render().")
+        return self._physics
+
+    def _report(self) -> np.ndarray:
+        """The position as the vehicle's sensors report it."""
+        physics = self._running()
+        noise = self.np_random.normal(0, self.vehicle.fog_std, 2) if physics.in_fog else 0.0
+        return physics.position + noise
+
+    def _distance(self) -> float:
+        return float(np.linalg.norm(self._running().position - self.goal))
+
+    def _observation(self, delta: np.ndarray) -> dict[str, np.ndarray]:
+        return {
+            "position": self._reported.astype(np.float32),
+            "delta": delta.astype(np.float32),
+            "view": self.probe(self._running().position).astype(np.int8),
+            "goal": self.goal.astype(np.float32),
+        }
+
+    def _info(self) -> dict[str, Any]:
+        physics = self._running()
+        return {
+            "position": physics.position,
+            "touching": physics.touching,
+            "in_fog": physics.in_fog,
+            "reached": self._distance() < self.goal_radius,
+        }

@@ -1,0 +1,81 @@
+"""Where every configured object gets its checks and its defaults: one base class, one loader of `conf/`.
+
+A subclass of `Settings` is a configuration file with types: its fields are the keys of the file, and it has no
+defaults, so that a value stands in exactly one place, in `conf/`. It knows nothing of Hydra.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message names the key, the value and what would be right."""
+
+
+class Settings(BaseModel):
+    """Frozen, typed settings; unknown keys, NaN and infinities are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+    @classmethod
+    def load(cls, group: str, name: str, **changes: Any) -> Self:
+        """Settings of `conf/<group>/<name>.yaml`, with some values replaced by `changes`.
+
+        Raises:
+            ConfigError: there is no such file, or a value is not allowed.
+        """
+        return cls.checked({**read(group, name), **changes}, origin=f"conf/{group}/{name}.yaml")
+
+    @classmethod
+    def checked(cls, values: Mapping[str, Any], origin: str) -> Self:
+        """Settings from plain values; `origin` says in an error where they came from.
+
+        Raises:
+            ConfigError: one sentence for each value that is not allowed.
+        """
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            raise ConfigError("\n".join(f"{origin}: {sentence}" for sentence in sentences(error))) from None
+
+
+def sentences(error: ValidationError) -> list[str]:
+    """One sentence for each thing wrong: key = value, what is wrong, what would be right."""
+    found = []
+    for item in error.errors(include_url=False):
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
+        if item["type"] == "missing":
+            found.append(f"{key} is missing; add the key.")
+        elif item["type"] == "extra_forbidden":
+            found.append(f"{key} = {item['input']!r} is not a known key; remove it or correct its spelling.")
+        elif item["type"] == "value_error" and not key:
+            found.append(item["msg"].removeprefix("Value error, "))
+        else:
+            wanted = item["msg"].removeprefix("Value error, ").removeprefix("Input ")
+            found.append(f"{key} = {item['input']!r} is not allowed: it {wanted}.")
+    return found
+
+
+def folder() -> Path:
+    """The configuration folder: inside an installed package, or at the top of a checkout."""
+    inside = Path(__file__).parent / "conf"
+    return inside if inside.is_dir() else Path(__file__).parents[1] / "conf"
+
+
+@cache
+def read(group: str, name: str) -> dict[str, Any]:
+    """The plain content of `conf/<group>/<name>.yaml`.
+
+    Raises:
+        ConfigError: there is no such file; the message lists those there are.
+    """
+    path = folder() / group / f"{name}.yaml"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
+        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {known}.")
+    return yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -1,0 +1,55 @@
+"""A map and positions -> local views: the one function that environment and look-up both see the world through (leaf).
+
+It works on NumPy arrays and on torch tensors alike, and knows neither physics nor models.
+"""
+
+from typing import Any, NamedTuple
+
+from array_api_compat import array_namespace
+
+PIXELS = 11
+"""Width and height of a view in pixels (Appendix A)."""
+
+EXTENT = 0.5
+"""Width and height of a view in u (Appendix A)."""
+
+
+class Map(NamedTuple):
+    """What can be seen of a world: painted circles, and everything outside the arena."""
+
+    size: tuple[float, float]
+    """Width and height of the arena, u; its lower left corner is the origin."""
+    num_channels: int
+    """K, number of channels of a view."""
+    border_channel: int
+    """Channel that everything outside the arena is painted in."""
+    circles: tuple[tuple[float, float, float, int], ...]
+    """Centre x, centre y and radius in u, and channel, of each painted circle."""
+
+
+def view(world: Map, positions: Any) -> Any:
+    """Cut the square around each position out of a map (Appendix A).
+
+    A pixel is set where its centre lies in a painted circle or outside the arena. The vehicle itself is not drawn.
+
+    Args:
+        world: the map.
+        positions: `[..., 2]` in u, NumPy array or torch tensor of floats.
+
+    Returns:
+        `[..., K, 11, 11]` bool, of the same library as `positions`; rows go upward (row 0 has the smallest y),
+        columns to the right.
+    """
+    xp = array_namespace(positions)
+    pitch = EXTENT / PIXELS
+    offsets = xp.arange(PIXELS, dtype=positions.dtype, device=positions.device) * pitch - (EXTENT - pitch) / 2
+    x = (positions[..., 0:1] + offsets)[..., None, :]  # [..., 1, 11]
+    y = (positions[..., 1:2] + offsets)[..., :, None]  # [..., 11, 1]
+    width, height = world.size
+    border = (x < 0) | (x > width) | (y < 0) | (y > height)  # [..., 11, 11]
+    channels = [xp.zeros_like(border) for _ in range(world.num_channels)]
+    channels[world.border_channel] = border
+    for center_x, center_y, radius, channel in world.circles:
+        inside = (x - center_x) ** 2 + (y - center_y) ** 2 <= radius**2
+        channels[channel] = channels[channel] | inside
+    return xp.stack(channels, axis=-3)
