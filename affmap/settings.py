@@ -4,6 +4,7 @@ A subclass of `Settings` is a configuration file with types: its fields are the 
 defaults, so that a value stands in exactly one place, in `conf/`. It knows nothing of Hydra.
 """
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -56,7 +57,7 @@ def sentences(error: ValidationError) -> list[str]:
         elif item["type"] == "value_error" and not key:
             found.append(item["msg"].removeprefix("Value error, "))
         else:
-            wanted = item["msg"].removeprefix("Value error, ").removeprefix("Input ")
+            wanted = re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
             found.append(f"{key} = {item['input']!r} is not allowed: it {wanted}.")
     return found
 
@@ -72,10 +73,13 @@ def read(group: str, name: str) -> dict[str, Any]:
     """The plain content of `conf/<group>/<name>.yaml`.
 
     Raises:
-        ConfigError: there is no such file; the message lists those there are.
+        ConfigError: there is no such file, and the message lists those there are; or it holds no keys.
     """
     path = folder() / group / f"{name}.yaml"
     if not path.is_file():
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {known}.")
-    return yaml.safe_load(path.read_text(encoding="utf-8"))
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict):
+        raise ConfigError(f"conf/{group}/{name}.yaml holds {content!r}; it should hold `key: value` lines.")
+    return content

@@ -42,7 +42,7 @@ def view(world: Map, positions: Any) -> Any:
     """
     xp = array_namespace(positions)
     pitch = EXTENT / PIXELS
-    offsets = xp.arange(PIXELS, dtype=positions.dtype, device=positions.device) * pitch - (EXTENT - pitch) / 2
+    offsets = (xp.arange(PIXELS, dtype=positions.dtype, device=positions.device) - PIXELS // 2) * pitch
     x = (positions[..., 0:1] + offsets)[..., None, :]  # [..., 1, 11]
     y = (positions[..., 1:2] + offsets)[..., :, None]  # [..., 11, 1]
     width, height = world.size

@@ -104,16 +104,19 @@ class Layout(Settings):
             ValueError: an obstacle or a border reaches into one of them.
         """
         if self.start_margin < radius:
-            raise ValueError(f"start_margin = {self.start_margin} is too small for a vehicle of radius {radius}.")
+            raise ValueError(
+                f"layout {self.name!r}: start_margin = {self.start_margin} is too small for a vehicle of radius "
+                f"{radius}; make it at least that."
+            )
         obstacles = [(index, circle) for index, circle in enumerate(self.circles) if circle.effect == "obstacle"]
         for corner, (index, circle) in product(range(4), obstacles):
             low, high = self.corner(corner)
             gap = float(np.linalg.norm(circle.center - np.clip(circle.center, low, high))) - circle.radius
             if gap < radius:
                 raise ValueError(
-                    f"circles[{index}] (center {list(circle.center)}, radius {circle.radius}) blocks the start corner "
-                    f"x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g}: an obstacle must stay at least "
-                    f"{radius} away from it."
+                    f"layout {self.name!r}: circles[{index}] (center {list(circle.center)}, radius {circle.radius}) "
+                    f"blocks the start corner x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g}: an obstacle "
+                    f"must stay at least {radius} away from it."
                 )
 
     @property

@@ -45,6 +45,8 @@ class Vehicle(Settings):
     @property
     def top_speed(self) -> float:
         """Speed at which damping balances two neighbouring throttles fully open, u per step."""
+        if self.damping == 0:
+            return math.inf
         return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s
 
 
@@ -54,8 +56,6 @@ class Physics:
     def __init__(self, layout: Layout, vehicle: Vehicle, position: np.ndarray) -> None:
         """Put the vehicle at rest at `position` `[2]` (u)."""
         self.vehicle = vehicle
-        self.touching = False
-        self.in_fog = False
         self._world = Box2D.b2World(gravity=(0, 0))
         width, height = layout.size
         corners = [(0, 0), (width, 0), (width, height), (0, height)]
@@ -71,6 +71,7 @@ class Physics:
         self._body = self._world.CreateDynamicBody(
             position=(float(position[0]), float(position[1])), fixedRotation=True, allowSleep=False, fixtures=shape
         )
+        self._feel()
 
     def _add(self, shape: Box2D.b2Shape, effect: str) -> None:
         fixture = Box2D.b2FixtureDef(
@@ -94,17 +95,19 @@ class Physics:
         Damping and force fields act as the vehicle's place at the beginning of the step demands.
         """
         vehicle = self.vehicle
-        effects = self._effects()
+        effects = self._effects
         force = vehicle.thrust * action @ THROTTLES
         force[1] += vehicle.force * (effects["force_up"] - effects["force_down"])
         self._body.linearDamping = vehicle.contact_damping if effects["obstacle"] else vehicle.damping
         self._body.ApplyForceToCenter((float(force[0]), float(force[1])), True)
         self._world.Step(vehicle.time_step_s, vehicle.velocity_iterations, vehicle.position_iterations)
-        effects = self._effects()
-        self.touching, self.in_fog = effects["obstacle"] > 0, effects["fog"] > 0
+        self._feel()
 
-    def _effects(self) -> Counter[str]:
-        """How many things of each effect the vehicle touches or is inside of."""
+    def _feel(self) -> None:
+        """Count how many things of each effect the vehicle touches or is inside of, at its present place."""
+        # Box2D finds contacts at the beginning of a step; one that takes no time finds those of now and moves nothing.
+        self._world.Step(0.0, self.vehicle.velocity_iterations, self.vehicle.position_iterations)
         touched = [edge.contact for edge in self._body.contacts if edge.contact.touching]
         # Which of the two fixtures is the vehicle's (it has no effect) is Box2D's choice.
-        return Counter(contact.fixtureA.userData or contact.fixtureB.userData for contact in touched)
+        self._effects = Counter(contact.fixtureA.userData or contact.fixtureB.userData for contact in touched)
+        self.touching, self.in_fog = self._effects["obstacle"] > 0, self._effects["fog"] > 0

@@ -63,10 +63,12 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Raises:
             ConfigError: no such file, or a value in it is not allowed.
-            ValueError: an unknown render mode, or an obstacle in a start corner.
+            ValueError: an unknown render mode, a bad goal radius, or an obstacle in a start corner.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode = {render_mode!r} is not one of {self.metadata['render_modes']} or None.")
+        if not 0 < goal_radius < np.inf:
+            raise ValueError(f"goal_radius = {goal_radius} is not allowed: it should be greater than 0 and finite.")
         self.layout = Layout.load("layout", layout) if isinstance(layout, str) else layout
         self.vehicle = Vehicle.load("vehicle", vehicle) if isinstance(vehicle, str) else vehicle
         self.layout.check_corners(self.vehicle.radius)
@@ -99,10 +101,13 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if corner not in range(4):
             raise ValueError(f"corner = {corner!r} is not one of 0, 1, 2, 3.")
         start, goal = (self.np_random.uniform(*self.layout.corner(index)) for index in (corner, 3 - corner))
-        position = np.asarray(options.get("position", start), float)
+        position, goal = np.array(options.get("position", start), float), np.array(options.get("goal", goal), float)
+        for key, point in (("position", position), ("goal", goal)):
+            if point.shape != (2,) or not ((point >= 0) & (point <= self.layout.size)).all():
+                raise ValueError(f"{key} = {point.tolist()} is not a point of the arena {list(self.layout.size)} (u).")
         if not self.layout.is_free(position, self.vehicle.radius):
             raise ValueError(f"position = {position.tolist()} is not free: the vehicle would overlap something solid.")
-        self.goal = np.asarray(options.get("goal", goal), float)
+        self.goal = goal
         self.action = np.zeros(4)
         self.planned_positions = None
         self._physics = Physics(self.layout, self.vehicle, position)
@@ -118,11 +123,12 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: a throttle outside [0, 1], or not four of them.
             gymnasium.error.ResetNeeded: there was no `reset` before.
         """
-        self.action = np.asarray(action, float)
-        if self.action.shape != (4,) or not ((self.action >= 0) & (self.action <= 1)).all():
-            raise ValueError(f"action = {self.action.tolist()} is not allowed: give four numbers in [0, 1].")
+        action = np.array(action, float)
+        if action.shape != (4,) or not ((action >= 0) & (action <= 1)).all():
+            raise ValueError(f"action = {action.tolist()} is not allowed: give four numbers in [0, 1].")
         physics = self._running()
-        physics.step(self.action)
+        physics.step(action)
+        self.action = action
         last, self._reported = self._reported, self._report()
         if self.render_mode == "human":
             self.render()

@@ -1,0 +1,127 @@
+"""Exploration -> data set: fly at random, keep what the vehicle senses and does.
+
+Knows the environment; knows no models.
+
+Arrays of a data set (S sequences, T steps; lengths in u):
+
+| array | shape | meaning |
+|---|---|---|
+| position | [S, T + 1, 2] | reported positions |
+| true_position | [S, T + 1, 2] | true positions |
+| view | [S, T, K, 11, 11] bool | view before each step |
+| action | [S, T, 4] | throttles of each step |
+| touching | [S, T] bool | an obstacle or a border is touched after the step |
+"""
+
+from collections.abc import Callable
+from typing import Self
+
+import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
+
+from affmap.env.layout import Layout
+from affmap.env.physics import Vehicle
+from affmap.env.vehicle import VehicleEnv
+from affmap.random import generator, integer
+from affmap.settings import Settings
+
+
+class Exploration(Settings):
+    """How data are collected (`conf/data`)."""
+
+    seed: NonNegativeInt
+    """Seed of exploration and of the batch order."""
+    num_sequences: PositiveInt
+    num_steps: PositiveInt
+    """T, steps of a sequence."""
+    num_validation: PositiveInt
+    """How many of the sequences are kept for validation."""
+    max_hold: PositiveInt
+    """Each action is held for 1 to `max_hold` steps; longer holds reach higher speeds."""
+    binary_share: float = Field(ge=0, le=1)
+    """Share of the actions whose throttles are fully open or closed; the others are uniform in [0, 1]."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.num_validation >= self.num_sequences:
+            raise ValueError(
+                f"num_validation = {self.num_validation} leaves nothing to train on; "
+                f"it must be less than num_sequences = {self.num_sequences}."
+            )
+        return self
+
+
+def collect(
+    layout: Layout,
+    vehicle: Vehicle,
+    exploration: Exploration,
+    on_sequence: Callable[[int], None] = lambda sequence: None,
+) -> dict[str, np.ndarray]:
+    """Explore a world at random (Appendix A); arrays as in the table above.
+
+    Every sequence starts at rest at a free place drawn uniformly, and has random streams of its own. `on_sequence`
+    is called with the number of each finished sequence.
+    """
+    env = VehicleEnv(layout, vehicle)
+    sequences = []
+    for sequence in range(exploration.num_sequences):
+        rng = generator(exploration.seed, "exploration", sequence)
+        options = {"position": free_position(layout, vehicle, rng)}
+        observation, info = env.reset(seed=integer(exploration.seed, "world", sequence), options=options)
+        record: dict[str, list[np.ndarray]] = {
+            "position": [observation["position"]],
+            "true_position": [info["position"].astype(np.float32)],
+            "view": [],
+            "action": random_actions(exploration, rng),
+            "touching": [],
+        }
+        for action in record["action"]:
+            record["view"].append(observation["view"].astype(bool))
+            observation, _, _, _, info = env.step(action)
+            record["position"].append(observation["position"])
+            record["true_position"].append(info["position"].astype(np.float32))
+            record["touching"].append(info["touching"])
+        sequences.append(record)
+        on_sequence(sequence)
+    return {key: np.array([record[key] for record in sequences]) for key in sequences[0]}
+
+
+def random_actions(exploration: Exploration, rng: np.random.Generator) -> list[np.ndarray]:
+    """T actions `[4]`, each held for a few steps: half of them gentle, half all-or-nothing."""
+    actions: list[np.ndarray] = []
+    while len(actions) < exploration.num_steps:
+        action = rng.uniform(size=4)
+        if rng.uniform() < exploration.binary_share:
+            action = action.round()
+        hold = rng.integers(1, exploration.max_hold + 1)
+        actions += [action.astype(np.float32)] * int(hold)
+    return actions[: exploration.num_steps]
+
+
+def free_position(layout: Layout, vehicle: Vehicle, rng: np.random.Generator) -> np.ndarray:
+    """A place for the vehicle, `[2]` in u, uniform over all free places.
+
+    Raises:
+        ValueError: ten thousand draws found none.
+    """
+    positions = rng.uniform(0, layout.size, (10_000, 2))
+    free = positions[layout.is_free(positions, vehicle.radius)]
+    if len(free) == 0:
+        raise ValueError(f"layout {layout.name!r} has no free place for a vehicle of radius {vehicle.radius} u.")
+    return free[0]
+
+
+def coverage(layout: Layout, vehicle: Vehicle, positions: np.ndarray, cell: float = 0.1) -> dict[str, np.ndarray]:
+    """How well `positions` `[..., 2]` (u) cover a world.
+
+    Returns:
+        `counts` `[Y, X]`, visits of each square of side `cell` (u); `free` `[Y, X]` bool, whether the vehicle can be
+        at its centre; `coverage`, the share of free squares that were visited. Row 0 is at y = 0.
+    """
+    columns, rows = (round(length / cell) for length in layout.size)
+    edges = [np.linspace(0, length, number + 1) for length, number in zip(layout.size, (columns, rows), strict=True)]
+    x, y = positions.reshape(-1, 2).T
+    counts = np.histogram2d(y, x, bins=(edges[1], edges[0]))[0].astype(np.int64)
+    centers = np.stack(np.meshgrid(*[(edge[1:] + edge[:-1]) / 2 for edge in edges]), axis=-1)
+    free = layout.is_free(centers, vehicle.radius)
+    return {"counts": counts, "free": free, "coverage": np.array((counts[free] > 0).mean())}

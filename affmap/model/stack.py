@@ -1,0 +1,45 @@
+"""M members side by side: vision model and transition model, drawn from each member's own seed."""
+
+from collections.abc import Sequence
+
+import torch
+from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
+from torch import Tensor, nn
+
+from affmap.model.transition import TransitionModel
+from affmap.model.vision import VisionModel
+from affmap.model.windows import Windows
+from affmap.random import integer
+from affmap.settings import Settings
+
+
+class ModelSettings(Settings):
+    """The architecture (`conf/model`)."""
+
+    context_size: NonNegativeInt
+    """C, length of the context code; 0 is a transition model that sees nothing."""
+    hidden_size: PositiveInt
+    """Hidden units of the transition model."""
+    delta_scale: PositiveFloat
+    """Factor on the change of position, for inputs and predictions."""
+
+
+class Stack(nn.Module):
+    """M independently seeded members. At context size 0 there is no vision model."""
+
+    def __init__(self, settings: ModelSettings, num_channels: int, seeds: Sequence[int]) -> None:
+        """Draw the initial weights of a member for each of `seeds` (M of them); K = `num_channels`."""
+        super().__init__()
+        self.settings = settings
+        self.num_channels = num_channels
+        self.seeds = tuple(seeds)
+        context_size = settings.context_size
+        generators = [torch.Generator().manual_seed(integer(seed, "initial weights")) for seed in seeds]
+        self.transition = TransitionModel(generators, context_size, settings.hidden_size, settings.delta_scale)
+        self.vision = VisionModel(generators, num_channels, context_size) if context_size > 0 else None
+
+    def encode(self, windows: Windows) -> Tensor:
+        """Context codes of views `[M or 1, ...]` (see `VisionModel.encode`): `[M, ..., C]`."""
+        if self.vision is None:
+            return windows.patches.new_zeros(len(self.seeds), *windows.index.shape[1:-1], 0)
+        return self.vision.encode(windows)

@@ -1,0 +1,36 @@
+"""Layers that hold M independent sets of weights: member m's input meets member m's weights only.
+
+Weights begin as PyTorch's own layers do, uniform in +-1 / sqrt(number of inputs), drawn from a generator of each
+member's own, so that a member of a stack is the member that would have been made alone.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+Generators = Sequence[torch.Generator]
+"""One generator a member, M of them."""
+
+
+def uniform(generators: Generators, shape: Sequence[int], num_inputs: int) -> nn.Parameter:
+    """A parameter `[M, *shape]`, uniform in +-1 / sqrt(num_inputs)."""
+    draws = [torch.rand(*shape, generator=generator) for generator in generators]
+    return nn.Parameter((2 * torch.stack(draws) - 1) / num_inputs**0.5)
+
+
+class StackedLinear(nn.Module):
+    """M affine maps side by side."""
+
+    def __init__(self, generators: Generators, num_inputs: int, num_outputs: int, bias: bool = True) -> None:
+        """Draw the weights `[M, num_inputs, num_outputs]` and, with `bias`, biases `[M, num_outputs]`."""
+        super().__init__()
+        self.weight = uniform(generators, (num_inputs, num_outputs), num_inputs)
+        self.bias = uniform(generators, (num_outputs,), num_inputs) if bias else None
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`."""
+        flat = inputs.flatten(1, -2)
+        outputs = flat @ self.weight if self.bias is None else torch.baddbmm(self.bias[:, None], flat, self.weight)
+        return outputs.view(*inputs.shape[:-1], -1)
+

@@ -1,0 +1,55 @@
+"""The transition model: context code, last change of position and action -> Gaussian over the next change.
+
+It works in scaled units on both sides (Appendix A scales its inputs; its predictions are scaled back outside), so
+that inputs and targets are of the order of 1. It knows nothing of positions, views or goals.
+"""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from affmap.gaussian import Gaussian
+from affmap.model.stacked import Generators, StackedLinear
+
+Carry = tuple[Tensor, ...]
+"""Hidden state of a transition model, tensors `[M, ..., hidden]`; the MLP's is empty."""
+
+
+class TransitionModel(nn.Module):
+    """M multilayer perceptrons side by side (Section 4.2: the hidden state of the paper is dropped)."""
+
+    def __init__(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> None:
+        """Draw the weights of M models."""
+        super().__init__()
+        self.delta_scale = delta_scale
+        self.hidden = StackedLinear(generators, 2 + 4 + context_size, hidden_size, bias=False)
+        self.mean = StackedLinear(generators, hidden_size, 2)
+        self.log_std = StackedLinear(generators, hidden_size, 2)
+
+    def initial(self) -> Carry:
+        """The carry at the beginning of a sequence."""
+        return ()
+
+    def step(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
+        """Predict the change of position that an action will cause.
+
+        Args:
+            carry: what `initial` or the last `step` returned.
+            code: context codes `[M, ..., C]`.
+            delta: last changes of position `[M or 1, ..., 2]`, u/step.
+            action: `[M or 1, ..., 4]`, throttles in [0, 1].
+
+        Returns:
+            The new carry, and a Gaussian of `[M, ..., 2]` in u/step.
+        """
+        motion = torch.cat([self.delta_scale * delta, action], dim=-1)
+        hidden = self.hidden(torch.cat([motion.expand(*code.shape[:-1], -1), code], dim=-1)).tanh()
+        return carry, Gaussian(self.mean(hidden) / self.delta_scale, self.log_std(hidden) - math.log(self.delta_scale))
+
+    def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
+        """One-step predictions along recorded sequences; arguments as in `step`, time T before the features.
+
+        Without a hidden state the steps do not depend on each other, and all are computed at once.
+        """
+        return self.step(carry, code, delta, action)

@@ -1,0 +1,217 @@
+"""Drawing functions: data and Axes in, Axes out. They know colours and labels, and neither files nor figures.
+
+Lengths are in u, the arena's lower left corner is the origin.
+"""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import seaborn as sns
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import LogNorm, to_hex
+from matplotlib.patches import Circle as Disc
+from matplotlib.patches import Rectangle
+
+from affmap.report import maps
+from affmap.report.tables import PLANNERS, Exploration, Floats, Maps, Trajectories, World
+
+PLANNER_COLORS = {"EB": "#0072B2", "GB": "#E69F00"}  # Okabe and Ito: told apart by everybody, and in grey
+EFFECT_COLORS = {"obstacle": "0.55", "fog": "#9ecae1", "force_up": "#a1d99b", "force_down": "#fdae6b", "none": "0.9"}
+VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
+
+LABELS = {
+    "validation_nll": "validation NLL (nats)",
+    "prediction_error": "prediction error (nats)",
+    "mean_distance": "mean distance to the goal (u)",
+    "steps_touching": "steps touching (of 200)",
+}
+
+
+def context_color(context_size: int) -> str:
+    """The colour of a context size, the same in every report."""
+    position = np.interp(context_size, [0, 1, 3, 5, 8, 16, 32], [0.0, 0.22, 0.45, 0.65, 0.82, 0.92, 1.0])
+    return to_hex(mpl.colormaps["viridis"](position))
+
+
+def learning_curves(ax: Axes, validation: pd.DataFrame) -> Axes:
+    """Validation NLL over epochs: mean over members and its standard deviation as a shade, per context size."""
+    for context_size, table in validation.groupby("context_size"):
+        epochs = table.groupby("epoch")["validation_nll"]
+        mean, deviation = epochs.mean(), epochs.std(ddof=0)
+        color = context_color(int(str(context_size)))
+        ax.plot(mean.index, mean, color=color, label=f"{context_size}", lw=1.4, marker="." if len(mean) < 10 else "")
+        ax.fill_between(mean.index, mean - deviation, mean + deviation, color=color, alpha=0.18, lw=0)
+    ax.set(xlabel="epoch", ylabel=LABELS["validation_nll"])
+    ax.legend(title="context size", ncols=2, frameon=False)
+    return ax
+
+
+def boxes(ax: Axes, runs: pd.DataFrame, metric: str, paper: tuple[float, float] | None = None) -> Axes:
+    """Box plots of a metric of control by context size and planner, as the paper draws them.
+
+    Boxes are quartiles, whiskers end at the last point within 1.5 interquartile ranges, points beyond are not drawn.
+
+    Args:
+        ax: where to draw.
+        runs: one row per run.
+        metric: a column of `runs`.
+        paper: lowest and highest tick of the paper's axis, marked by dotted lines.
+    """
+    table = _by_short_name(runs)
+    if paper is not None:
+        for tick in paper:
+            ax.axhline(tick, color="0.6", lw=0.8, ls=":", zorder=0)
+    sns.boxplot(
+        table,
+        x="context_size",
+        y=metric,
+        hue="planner",
+        hue_order=_short_names(runs),
+        palette=PLANNER_COLORS,
+        saturation=1.0,
+        showfliers=False,
+        whis=1.5,
+        width=0.7,
+        gap=0.12,
+        linewidth=0.9,
+        medianprops={"color": "black", "linewidth": 1.6},
+        ax=ax,
+    )
+    ax.set(xlabel="context size", ylabel=LABELS[metric])
+    sns.move_legend(ax, "best", title=None, frameon=False)
+    return ax
+
+
+def success_share(ax: Axes, runs: pd.DataFrame) -> Axes:
+    """Share of runs that reached the goal, with 95 % bootstrap intervals over members."""
+    members = _by_short_name(runs).groupby(["context_size", "planner", "member"], as_index=False)["reached"].mean()
+    sns.barplot(
+        members,
+        x="context_size",
+        y="reached",
+        hue="planner",
+        hue_order=_short_names(runs),
+        palette=PLANNER_COLORS,
+        saturation=1.0,
+        errorbar=("ci", 95),
+        seed=0,
+        err_kws={"color": "black", "linewidth": 1.2},
+        capsize=0.15,
+        width=0.7,
+        gap=0.12,
+        ax=ax,
+    )
+    ax.set(xlabel="context size", ylabel="share of runs that reached the goal", ylim=(0.0, 1.05))
+    sns.move_legend(ax, "lower right", title=None, framealpha=0.9)
+    return ax
+
+
+def affordance_map(ax: Axes, arrays: Maps, index: int, world: World) -> Axes:
+    """One member's map in the colours of its own principal components; obstacles outlined.
+
+    Args:
+        ax: where to draw.
+        arrays: the maps of one context size.
+        index: which of its M members.
+        world: the layout the maps were built for.
+    """
+    fit = maps.reachable(arrays.nodes, world)
+    half_x, half_y = (arrays.x[1] - arrays.x[0]) / 2, (arrays.y[1] - arrays.y[0]) / 2
+    extent = (arrays.x[0] - half_x, arrays.x[-1] + half_x, arrays.y[0] - half_y, arrays.y[-1] + half_y)
+    ax.imshow(maps.colors(arrays.codes[index], fit), origin="lower", extent=extent, interpolation="nearest")
+    for circle in world.circles:
+        ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="black", lw=0.5))
+    return arena(ax, world)
+
+
+def arena(ax: Axes, world: World, *, labels: bool = True) -> Axes:
+    """Frame the arena to scale, with axes in u."""
+    ax.set(xlim=(0, world.size[0]), ylim=(0, world.size[1]), aspect="equal")
+    ax.set(xticks=np.arange(0, world.size[0] + 0.01, 1.0), yticks=np.arange(0, world.size[1] + 0.01, 1.0))
+    if labels:
+        ax.set(xlabel="x (u)", ylabel="y (u)")
+    else:
+        ax.tick_params(labelbottom=False, labelleft=False)
+    return ax
+
+
+def circles(ax: Axes, world: World) -> Axes:
+    """Fill the world's circles by their effect."""
+    for circle in world.circles:
+        ax.add_patch(Disc((circle.x, circle.y), circle.radius, color=EFFECT_COLORS[circle.effect], lw=0, zorder=1))
+    return ax
+
+
+def world_map(ax: Axes, world: World) -> Axes:
+    """The layout: circles, the four start squares, and the vehicle to scale in the middle of one of them."""
+    circles(ax, world)
+    near = world.start_margin
+    far_x, far_y = (size - world.start_margin - world.start_side for size in world.size)
+    for corner in ((near, near), (far_x, near), (near, far_y), (far_x, far_y)):
+        ax.add_patch(Rectangle(corner, world.start_side, world.start_side, fill=False, ec=GOAL_COLOR, ls="--", lw=1.0))
+    middle = near + world.start_side / 2
+    ax.add_patch(Disc((middle, middle), maps.VEHICLE_RADIUS, color=VEHICLE_COLOR, lw=0, zorder=3))
+    return arena(ax, world)
+
+
+def visits(ax: Axes, exploration: Exploration, world: World) -> Axes:
+    """Visit counts of exploration on a logarithmic scale; free cells never visited are red, others white."""
+    counts = np.ma.masked_less(exploration.counts, 1)
+    extent = (0.0, world.size[0], 0.0, world.size[1])
+    unvisited = np.where(exploration.free & (exploration.counts == 0), 1.0, np.nan)
+    ax.imshow(unvisited, origin="lower", extent=extent, cmap=mpl.colors.ListedColormap([GOAL_COLOR]))
+    norm = LogNorm(vmin=1, vmax=max(2, int(exploration.counts.max())))
+    image = ax.imshow(counts, origin="lower", extent=extent, norm=norm, cmap="viridis", interpolation="nearest")
+    ax.figure.colorbar(image, ax=ax, label="visits per cell of 0.1 u (steps)", shrink=0.85)
+    for circle in world.circles:
+        ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="white", lw=1.2))
+        ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="black", lw=0.6))
+    return arena(ax, world)
+
+
+def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: World) -> Axes:
+    """One moment of one run: past path, planned path with its uncertainty, obstacles, vehicle and goal.
+
+    Args:
+        ax: where to draw.
+        paths: what control recorded.
+        index: which of its B runs.
+        step: the moment; the plan is the one made then.
+        world: the layout.
+    """
+    circles(ax, world)
+    past = paths.position[index, : step + 1]  # [step + 1, 2]
+    plan = np.vstack([past[-1:], paths.planned_position[index, step]])  # [1 + H, 2]
+    deviation = paths.planned_std[index, step]  # [H, 2]
+    ax.plot(*past.T, color="black", lw=1.3, zorder=4, label="past path")
+    ax.plot(*plan.T, color=PLANNER_COLORS["EB"], lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
+    ax.add_collection(
+        EllipseCollection(
+            2 * deviation[:, 0],
+            2 * deviation[:, 1],
+            np.zeros(len(deviation)),
+            units="xy",
+            offsets=plan[1:],
+            offset_transform=ax.transData,
+            facecolors="none",
+            edgecolors=PLANNER_COLORS["EB"],
+            linewidths=0.6,
+            alpha=0.6,
+            zorder=3,
+            label="predicted uncertainty (1 sd)",
+        )
+    )
+    ax.add_patch(Disc(past[-1], maps.VEHICLE_RADIUS, color=VEHICLE_COLOR, lw=0, zorder=6, label="vehicle"))
+    ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=8, mew=2.2, ls="", zorder=7, label="goal")
+    return arena(ax, world)
+
+
+def _by_short_name(runs: pd.DataFrame) -> pd.DataFrame:
+    return runs.assign(planner=runs["planner"].map(PLANNERS))
+
+
+def _short_names(runs: pd.DataFrame) -> Sequence[str]:
+    return [short for planner, short in PLANNERS.items() if planner in set(runs["planner"])]

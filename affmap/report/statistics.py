@@ -1,0 +1,149 @@
+"""Tests of ordered and of paired settings, paired by member: pure functions of score matrices.
+
+A verdict has three values. A claim *holds* when a one-sided test in its direction gives p < 0.05, it *does not hold*
+when the one-sided test in the opposite direction does, and it is *not decided* otherwise, also where there is too
+little to test: then a note says what is missing. No function returns a NaN or decides from one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+LEVEL = 0.05
+"""One-sided level of every test."""
+
+MIN_MEMBERS = 5
+"""With fewer, the signed-rank test cannot reach the level (0.5 ** 4 = 0.0625), and an interval means nothing."""
+
+Direction = Literal["falls", "rises"]
+
+
+class Verdict(StrEnum):
+    """What a test says about a claim."""
+
+    HOLDS = "holds"
+    DOES_NOT_HOLD = "does not hold"
+    NOT_DECIDED = "not decided"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A test's result. What cannot be computed is None; then `note` says why."""
+
+    test: str
+    members: int
+    verdict: Verdict
+    effect: float | None = None
+    """Mean over members of a difference; its sign and unit are the claim's."""
+    low: float | None = None
+    """Lower end of the effect's 95 % bootstrap interval over members."""
+    high: float | None = None
+    p: float | None = None
+    """One-sided, in the direction of the claim."""
+    p_opposite: float | None = None
+    """One-sided, in the opposite direction."""
+    note: str = ""
+
+
+def trend(scores: ArrayLike, direction: Direction, seed: int = 0) -> Outcome:
+    """Test whether scores fall (or rise) along the settings: Page's trend test, members ranked within themselves.
+
+    With two settings there is no trend to order, and the test is the signed-rank test of the two.
+
+    Args:
+        scores: `[M, S]`, S settings in ascending order.
+        direction: what the claim says the scores do from the first setting to the last.
+        seed: of the bootstrap.
+
+    Returns:
+        The outcome; its effect is last setting minus first, whatever the direction.
+    """
+    matrix = np.asarray(scores, dtype=float)
+    if matrix.ndim != 2 or matrix.shape[1] < 2:
+        return undecided("Page's trend test", len(matrix), "needs at least two settings")
+    difference = matrix[:, -1] - matrix[:, 0]
+    if matrix.shape[1] == 2:
+        return _signed_rank(difference, "greater" if direction == "rises" else "less", seed)
+    test = "Page's trend test"
+    if problem := _problem(matrix):
+        return undecided(test, len(matrix), problem, _mean(difference))
+    if np.all(matrix == matrix[:, :1]):
+        return undecided(test, len(matrix), "all settings score the same", 0.0)
+    rises = float(stats.page_trend_test(matrix).pvalue)  # its alternative: scores rise along the columns
+    falls = float(stats.page_trend_test(matrix[:, ::-1]).pvalue)
+    p, p_opposite = (rises, falls) if direction == "rises" else (falls, rises)
+    low, high = interval(difference, seed)
+    return Outcome(test, len(matrix), verdict(p, p_opposite), _mean(difference), low, high, p, p_opposite)
+
+
+def lower(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Outcome:
+    """Test whether the first scores are lower than the second: Wilcoxon's signed-rank test, paired by member.
+
+    Args:
+        first: `[M]`, the scores that the claim says are lower.
+        second: `[M]`, in the same order of members.
+        seed: of the bootstrap.
+
+    Returns:
+        The outcome; its effect is first minus second, so negative where the claim is right.
+    """
+    return _signed_rank(np.asarray(first, dtype=float) - np.asarray(second, dtype=float), "less", seed)
+
+
+def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
+    """95 % bootstrap interval (BCa) over members of the mean of `values` `[M]`; a point where all are equal."""
+    sample = np.asarray(values, dtype=float)
+    if np.ptp(sample) == 0:
+        return float(sample[0]), float(sample[0])
+    result = stats.bootstrap((sample,), np.mean, method="BCa", rng=np.random.default_rng(seed))
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+
+
+def verdict(p: float, p_opposite: float) -> Verdict:
+    """Decide from the two one-sided p values."""
+    if p < LEVEL:
+        return Verdict.HOLDS
+    return Verdict.DOES_NOT_HOLD if p_opposite < LEVEL else Verdict.NOT_DECIDED
+
+
+def conjunction(verdicts: Sequence[Verdict]) -> Verdict:
+    """A claim of several parts holds when all do, and does not hold when one does not."""
+    if Verdict.DOES_NOT_HOLD in verdicts:
+        return Verdict.DOES_NOT_HOLD
+    return Verdict.NOT_DECIDED if Verdict.NOT_DECIDED in verdicts else Verdict.HOLDS
+
+
+def undecided(test: str, members: int, note: str, effect: float | None = None) -> Outcome:
+    """The outcome of a test that could not be made."""
+    return Outcome(test, members, Verdict.NOT_DECIDED, effect, note=note)
+
+
+def _signed_rank(difference: NDArray[np.floating], alternative: Literal["less", "greater"], seed: int) -> Outcome:
+    test = "Wilcoxon signed-rank"
+    if problem := _problem(difference):
+        return undecided(test, len(difference), problem, _mean(difference))
+    if not difference.any():
+        return undecided(test, len(difference), "all differences are zero", 0.0)
+    less = float(stats.wilcoxon(difference, alternative="less").pvalue)
+    greater = float(stats.wilcoxon(difference, alternative="greater").pvalue)
+    p, p_opposite = (less, greater) if alternative == "less" else (greater, less)
+    low, high = interval(difference, seed)
+    return Outcome(test, len(difference), verdict(p, p_opposite), _mean(difference), low, high, p, p_opposite)
+
+
+def _problem(scores: NDArray[np.floating]) -> str:
+    """Why scores `[M, ...]` cannot be tested; empty where they can."""
+    bad = sum(not np.isfinite(row).all() for row in scores)
+    if bad:
+        return f"{bad} of {len(scores)} members lack a finite score"
+    return f"needs at least {MIN_MEMBERS} members" if len(scores) < MIN_MEMBERS else ""
+
+
+def _mean(values: NDArray[np.floating]) -> float | None:
+    """Mean, or None where it is not a finite number."""
+    return float(values.mean()) if len(values) and np.isfinite(values).all() else None

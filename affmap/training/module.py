@@ -1,0 +1,129 @@
+"""Training of a whole stack on one-step negative log-likelihood, as a LightningModule (Section 3.3, Appendix A).
+
+Each member is trained as if it were alone: the loss is the mean over the batch and the sum over members, and
+gradients are clipped by norms per member and sub-model. Knows nothing of worlds and planners.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import lightning
+import torch
+from pydantic import Field, PositiveFloat, PositiveInt
+from torch import Tensor, nn
+
+from affmap.data.module import Batch
+from affmap.gaussian import nll
+from affmap.model.stack import Stack
+from affmap.model.transition import Carry
+from affmap.settings import Settings
+
+
+class TrainingSettings(Settings):
+    """How models are trained (`conf/training`)."""
+
+    num_epochs: PositiveInt
+    batch_size: PositiveInt
+    """Sequences a batch."""
+    chunk_length: PositiveInt
+    """Steps between updates: errors are propagated back through at most so many."""
+    vision_lr: PositiveFloat
+    """Learning rate of the vision model."""
+    transition_lr: PositiveFloat
+    """Learning rate of the transition model."""
+    vision_max_norm: PositiveFloat
+    """Clipping norm of the vision model's gradient, per member."""
+    transition_max_norm: PositiveFloat
+    """Clipping norm of the transition model's gradient, per member."""
+    adam_eps: PositiveFloat
+    """Adam's epsilon."""
+    snapshot_epochs: tuple[PositiveInt, ...]
+    """Epochs after which the weights are kept; the last epoch always is."""
+    accelerator: str = Field(pattern="^(cpu|gpu|auto)$")
+    """Where to train: cpu, gpu or auto."""
+
+
+class TrainingModule(lightning.LightningModule):
+    """A stack in training.
+
+    `training_nll` and `validation_nll`, `[num_epochs, M]` in nats, fill up as the epochs pass; they are buffers, so
+    that a checkpoint holds them.
+    """
+
+    def __init__(self, stack: Stack, settings: TrainingSettings) -> None:
+        """Train `stack` as `settings` say."""
+        super().__init__()
+        self.stack = stack
+        self.settings = settings
+        empty = torch.full((settings.num_epochs, len(stack.seeds)), torch.nan)
+        self.register_buffer("training_nll", empty)
+        self.register_buffer("validation_nll", empty.clone())
+        self.training_nll: Tensor
+        self.validation_nll: Tensor
+        self._carry: Carry = ()
+        self._losses: list[Tensor] = []
+
+    def loss(self, batch: Batch) -> Tensor:
+        """Mean NLL of each member on a batch, `[M]` in nats."""
+        carry = self.stack.transition.initial() if batch.is_first else self._carry
+        code = self.stack.encode(batch.views)
+        carry, prediction = self.stack.transition.unroll(carry, code, batch.delta, batch.action)
+        self._carry = tuple(part.detach() for part in carry)
+        return nll(prediction, batch.target).mean((1, 2))
+
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The sum of the members' losses: the gradient of each is what it would be alone."""
+        losses = self.loss(batch)
+        self._losses.append(losses.detach())
+        return losses.sum()
+
+    def on_train_epoch_end(self) -> None:
+        """Note the mean loss over the epoch's updates."""
+        self.training_nll[self.current_epoch] = torch.stack(self._losses).mean(0)
+        self._losses.clear()
+
+    def on_validation_epoch_start(self) -> None:
+        """Begin a new mean over the validation batches."""
+        self._sum = torch.zeros_like(self.validation_nll[0])
+        self._count = 0
+
+    def validation_step(self, batch: Batch, batch_index: int) -> None:
+        """Add a batch to the mean over all validation steps."""
+        count = batch.action[..., 0].numel()
+        self._sum += self.loss(batch) * count
+        self._count += count
+
+    def on_validation_epoch_end(self) -> None:
+        """Note the mean loss over all validation steps."""
+        self.validation_nll[self.current_epoch] = self._sum / self._count
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """One Adam, a parameter group for each sub-model."""
+        groups = [{"params": list(part.parameters()), "lr": lr} for part, lr, _ in self._parts()]
+        return torch.optim.Adam(groups, betas=(0.9, 0.999), eps=self.settings.adam_eps, fused=True)
+
+    def configure_gradient_clipping(self, optimizer: torch.optim.Optimizer, *_: Any, **__: Any) -> None:
+        """Clip the norm of each member's gradient, for each sub-model."""
+        for part, _lr, max_norm in self._parts():
+            clip_per_member([p.grad for p in part.parameters() if p.grad is not None], max_norm)
+
+    def _parts(self) -> list[tuple[nn.Module, float, float]]:
+        """Each sub-model with its learning rate and clipping norm."""
+        settings, stack = self.settings, self.stack
+        parts: list[tuple[nn.Module, float, float]] = [
+            (stack.transition, settings.transition_lr, settings.transition_max_norm)
+        ]
+        if stack.vision is not None:
+            parts.append((stack.vision, settings.vision_lr, settings.vision_max_norm))
+        return parts
+
+
+def clip_per_member(gradients: Sequence[Tensor], max_norm: float) -> None:
+    """Scale gradients `[M, ...]` in place, so that each member's norm over all of them is at most `max_norm`.
+
+    The same rule as `torch.nn.utils.clip_grad_norm_`, for each member by itself.
+    """
+    squares = torch.stack([gradient.flatten(1).square().sum(1) for gradient in gradients])  # [parameters, M]
+    scale = (max_norm / (squares.sum(0).sqrt() + 1e-6)).clamp_max(1.0)
+    for gradient in gradients:
+        gradient.mul_(scale.view(-1, *[1] * (gradient.ndim - 1)))
