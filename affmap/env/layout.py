@@ -90,7 +90,7 @@ class Layout(Settings):
         return np.stack([low, low + self.start_side])
 
     def is_free(self, positions: np.ndarray, radius: float) -> np.ndarray:
-        """Where a disc of `radius` (u) around each of `positions` `[..., 2]` meets no obstacle and no border: `[...]`."""
+        """Where a disc of `radius` (u) around each of `positions` `[..., 2]` meets nothing solid: `[...]`."""
         inside = (positions >= radius) & (positions <= np.array(self.size) - radius)
         free = inside.all(-1)
         for circle in self._obstacles:

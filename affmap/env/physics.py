@@ -47,7 +47,9 @@ class Vehicle(Settings):
         """Speed at which damping balances two neighbouring throttles fully open, u per step."""
         if self.damping == 0:
             return math.inf
-        return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s
+        # In a step Box2D adds the thrust, then scales by 1 - damping * time step.
+        kept = max(0.0, 1 - self.damping * self.time_step_s)
+        return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * kept
 
 
 class Physics:

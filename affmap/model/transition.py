@@ -24,8 +24,8 @@ class TransitionModel(nn.Module):
         super().__init__()
         self.delta_scale = delta_scale
         self.hidden = StackedLinear(generators, 2 + 4 + context_size, hidden_size, bias=False)
-        self.mean = StackedLinear(generators, hidden_size, 2)
-        self.log_std = StackedLinear(generators, hidden_size, 2)
+        # The two parallel layers of the paper, means and (logarithms of) standard deviations, as one product.
+        self.output = StackedLinear(generators, hidden_size, 2 + 2)
 
     def initial(self) -> Carry:
         """The carry at the beginning of a sequence."""
@@ -45,7 +45,8 @@ class TransitionModel(nn.Module):
         """
         motion = torch.cat([self.delta_scale * delta, action], dim=-1)
         hidden = self.hidden(torch.cat([motion.expand(*code.shape[:-1], -1), code], dim=-1)).tanh()
-        return carry, Gaussian(self.mean(hidden) / self.delta_scale, self.log_std(hidden) - math.log(self.delta_scale))
+        mean, log_std = self.output(hidden).split(2, dim=-1)
+        return carry, Gaussian(mean / self.delta_scale, log_std - math.log(self.delta_scale))
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
         """One-step predictions along recorded sequences; arguments as in `step`, time T before the features.

@@ -1,8 +1,9 @@
 """Views as references to the few distinct windows that they are made of.
 
 The first convolution and the pooling of the vision model see a view only through 16 windows of 5 x 5 pixels, at
-stride 2. The sixty thousand views of a data set hold a million windows, but only some hundreds of *different* ones:
-encode each of those once, then gather. Exact, because equal windows have equal features.
+stride 2. The sixty thousand views of a data set hold a million windows, but only some hundreds of *different* ones,
+and these only some dozens of different 3 x 3 patches: compute each of those once, then gather. Exact, because equal
+windows have equal features.
 """
 
 from typing import NamedTuple
@@ -19,8 +20,10 @@ class Windows(NamedTuple):
 
     index: Tensor
     """`[..., 16]` int64: which distinct window stands where in each view, row by row."""
+    patch_index: Tensor
+    """`[U, 9]` int64: which distinct patch stands where in each of the U distinct windows, row by row."""
     patches: Tensor
-    """`[U, 9, K * 9]` float: the 3 x 3 patches (row by row) of each of the U distinct windows."""
+    """`[V, K * 9]` float: the V distinct patches of 3 x 3 pixels."""
 
     def __getitem__(self, key: object) -> "Windows":  # type: ignore[override]
         """Some of the views, indexed as a tensor of the shape of `index` without its last axis would be."""
@@ -49,5 +52,6 @@ def take_apart(views: Tensor) -> Windows:
         distinct = torch.cat([distinct[combined >> WIDTH**2], new[:, None]], dim=1)
     pixels = (distinct[..., None] >> torch.arange(WIDTH**2, device=views.device)) & 1  # [U, K, 25]
     pixels = pixels.float().unflatten(-1, (WIDTH, WIDTH))
-    patches = pixels.unfold(-2, 3, 1).unfold(-2, 3, 1)  # [U, K, 3, 3, 3, 3]
-    return Windows(index, patches.permute(0, 2, 3, 1, 4, 5).reshape(len(pixels), 9, -1))
+    patches = pixels.unfold(-2, 3, 1).unfold(-2, 3, 1).permute(0, 2, 3, 1, 4, 5)  # [U, 3, 3, K, 3, 3]
+    patches, patch_index = torch.unique(patches.flatten(3).flatten(0, 2), dim=0, return_inverse=True)
+    return Windows(index, patch_index.view(-1, 9), patches)

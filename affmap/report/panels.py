@@ -3,22 +3,18 @@
 Lengths are in u, the arena's lower left corner is the origin.
 """
 
-from collections.abc import Sequence
-
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-import seaborn as sns
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.colors import LogNorm, to_hex
 from matplotlib.patches import Circle as Disc
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Ellipse, Rectangle
 
-from affmap.report import maps
-from affmap.report.tables import PLANNERS, Exploration, Floats, Maps, Trajectories, World
+from affmap.report import maps, statistics
+from affmap.report.tables import PLANNERS, Exploration, Floats, Maps, Trajectories, World, score_matrix
 
-PLANNER_COLORS = {"EB": "#0072B2", "GB": "#E69F00"}  # Okabe and Ito: told apart by everybody, and in grey
+PLANNER_COLORS = {"cem": "#0072B2", "gradient": "#E69F00"}  # Okabe and Ito: told apart by everybody, and in grey
 EFFECT_COLORS = {"obstacle": "0.55", "fog": "#9ecae1", "force_up": "#a1d99b", "force_down": "#fdae6b", "none": "0.9"}
 VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
 
@@ -26,7 +22,7 @@ LABELS = {
     "validation_nll": "validation NLL (nats)",
     "prediction_error": "prediction error (nats)",
     "mean_distance": "mean distance to the goal (u)",
-    "steps_touching": "steps touching (of 200)",
+    "steps_touching": "steps touching a surface",
 }
 
 
@@ -36,8 +32,15 @@ def context_color(context_size: int) -> str:
     return to_hex(mpl.colormaps["viridis"](position))
 
 
-def learning_curves(ax: Axes, validation: pd.DataFrame) -> Axes:
-    """Validation NLL over epochs: mean over members and its standard deviation as a shade, per context size."""
+def learning_curves(ax: Axes, validation: pd.DataFrame, paper: tuple[float, float] | None = None) -> Axes:
+    """Validation NLL over epochs, per context size: mean over members, and their standard deviation as a shade.
+
+    Args:
+        ax: where to draw.
+        validation: one row per context size, member and epoch.
+        paper: lowest and highest tick of the paper's axis, marked by dotted lines.
+    """
+    _mark(ax, paper)
     for context_size, table in validation.groupby("context_size"):
         epochs = table.groupby("epoch")["validation_nll"]
         mean, deviation = epochs.mean(), epochs.std(ddof=0)
@@ -45,7 +48,7 @@ def learning_curves(ax: Axes, validation: pd.DataFrame) -> Axes:
         ax.plot(mean.index, mean, color=color, label=f"{context_size}", lw=1.4, marker="." if len(mean) < 10 else "")
         ax.fill_between(mean.index, mean - deviation, mean + deviation, color=color, alpha=0.18, lw=0)
     ax.set(xlabel="epoch", ylabel=LABELS["validation_nll"])
-    ax.legend(title="context size", ncols=2, frameon=False)
+    ax.legend(title="context size", ncols=2, frameon=False, loc="upper right")
     return ax
 
 
@@ -60,53 +63,43 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, paper: tuple[float, float] 
         metric: a column of `runs`.
         paper: lowest and highest tick of the paper's axis, marked by dotted lines.
     """
-    table = _by_short_name(runs)
-    if paper is not None:
-        for tick in paper:
-            ax.axhline(tick, color="0.6", lw=0.8, ls=":", zorder=0)
-    sns.boxplot(
-        table,
-        x="context_size",
-        y=metric,
-        hue="planner",
-        hue_order=_short_names(runs),
-        palette=PLANNER_COLORS,
-        saturation=1.0,
-        showfliers=False,
-        whis=1.5,
-        width=0.7,
-        gap=0.12,
-        linewidth=0.9,
-        medianprops={"color": "black", "linewidth": 1.6},
-        ax=ax,
-    )
-    ax.set(xlabel="context size", ylabel=LABELS[metric])
-    sns.move_legend(ax, "best", title=None, frameon=False)
-    return ax
+    _mark(ax, paper)
+    sizes, positions, width = _dodge(runs)
+    for planner, offsets in positions.items():
+        table = runs[runs["planner"] == planner]
+        ax.boxplot(
+            [table.loc[table["context_size"] == size, metric].dropna() for size in sizes],
+            positions=offsets,
+            widths=0.85 * width,
+            whis=1.5,
+            showfliers=False,
+            patch_artist=True,
+            manage_ticks=False,
+            boxprops={"facecolor": PLANNER_COLORS[planner], "linewidth": 0.8},
+            medianprops={"color": "black", "linewidth": 1.6},
+            whiskerprops={"linewidth": 0.8},
+            capprops={"linewidth": 0.8},
+            label=PLANNERS[planner],
+        )
+    ax.set_xticks(range(len(sizes)), labels=[str(size) for size in sizes])
+    ax.set(xlabel="context size", ylabel=LABELS[metric], xlim=(-0.6, len(sizes) - 0.4))
+    return _legend_above(ax)
 
 
 def success_share(ax: Axes, runs: pd.DataFrame) -> Axes:
-    """Share of runs that reached the goal, with 95 % bootstrap intervals over members."""
-    members = _by_short_name(runs).groupby(["context_size", "planner", "member"], as_index=False)["reached"].mean()
-    sns.barplot(
-        members,
-        x="context_size",
-        y="reached",
-        hue="planner",
-        hue_order=_short_names(runs),
-        palette=PLANNER_COLORS,
-        saturation=1.0,
-        errorbar=("ci", 95),
-        seed=0,
-        err_kws={"color": "black", "linewidth": 1.2},
-        capsize=0.15,
-        width=0.7,
-        gap=0.12,
-        ax=ax,
-    )
+    """Share of runs that reached the goal, with 95 % bootstrap intervals over members where there are enough."""
+    sizes, positions, width = _dodge(runs)
+    for planner, offsets in positions.items():
+        shares = score_matrix(runs[runs["planner"] == planner], "reached").reindex(columns=sizes)  # [M, sizes]
+        bar = {"color": PLANNER_COLORS[planner], "edgecolor": "black", "linewidth": 0.8, "label": PLANNERS[planner]}
+        ax.bar(offsets, shares.mean(), 0.85 * width, **bar)
+        for offset, size in zip(offsets, sizes, strict=True):
+            members = shares[size].dropna()
+            if len(members) >= statistics.MIN_MEMBERS:
+                ax.plot([offset, offset], statistics.interval(members), color="black", lw=1.2, marker="_", ms=4)
+    ax.set_xticks(range(len(sizes)), labels=[str(size) for size in sizes])
     ax.set(xlabel="context size", ylabel="share of runs that reached the goal", ylim=(0.0, 1.05))
-    sns.move_legend(ax, "lower right", title=None, framealpha=0.9)
-    return ax
+    return _legend_above(ax)
 
 
 def affordance_map(ax: Axes, arrays: Maps, index: int, world: World) -> Axes:
@@ -127,14 +120,12 @@ def affordance_map(ax: Axes, arrays: Maps, index: int, world: World) -> Axes:
     return arena(ax, world)
 
 
-def arena(ax: Axes, world: World, *, labels: bool = True) -> Axes:
-    """Frame the arena to scale, with axes in u."""
+def arena(ax: Axes, world: World) -> Axes:
+    """Frame the arena to scale, borders drawn, with axes in u."""
+    ax.spines[:].set(visible=True, linewidth=1.2)
     ax.set(xlim=(0, world.size[0]), ylim=(0, world.size[1]), aspect="equal")
     ax.set(xticks=np.arange(0, world.size[0] + 0.01, 1.0), yticks=np.arange(0, world.size[1] + 0.01, 1.0))
-    if labels:
-        ax.set(xlabel="x (u)", ylabel="y (u)")
-    else:
-        ax.tick_params(labelbottom=False, labelleft=False)
+    ax.set(xlabel="x (u)", ylabel="y (u)")
     return ax
 
 
@@ -187,31 +178,32 @@ def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Worl
     plan = np.vstack([past[-1:], paths.planned_position[index, step]])  # [1 + H, 2]
     deviation = paths.planned_std[index, step]  # [H, 2]
     ax.plot(*past.T, color="black", lw=1.3, zorder=4, label="past path")
-    ax.plot(*plan.T, color=PLANNER_COLORS["EB"], lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
-    ax.add_collection(
-        EllipseCollection(
-            2 * deviation[:, 0],
-            2 * deviation[:, 1],
-            np.zeros(len(deviation)),
-            units="xy",
-            offsets=plan[1:],
-            offset_transform=ax.transData,
-            facecolors="none",
-            edgecolors=PLANNER_COLORS["EB"],
-            linewidths=0.6,
-            alpha=0.6,
-            zorder=3,
-            label="predicted uncertainty (1 sd)",
-        )
-    )
-    ax.add_patch(Disc(past[-1], maps.VEHICLE_RADIUS, color=VEHICLE_COLOR, lw=0, zorder=6, label="vehicle"))
-    ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=8, mew=2.2, ls="", zorder=7, label="goal")
+    ax.plot(*plan.T, color=PLANNER_COLORS["cem"], lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
+    for mean, (width, height) in zip(plan[1:], 2 * deviation, strict=True):
+        ax.add_patch(Ellipse(mean, width, height, fill=False, ec=PLANNER_COLORS["cem"], lw=0.6, alpha=0.6, zorder=3))
+    ax.add_patch(Disc(past[-1], maps.VEHICLE_RADIUS, color=VEHICLE_COLOR, lw=0, zorder=6))
+    ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=7, mew=2.0, ls="", zorder=7, label="goal")
+    ring = {"mfc": "none", "mec": PLANNER_COLORS["cem"], "mew": 0.6}  # empty lines: a patch's legend is a rectangle
+    ax.plot([], [], "o", **ring, label="predicted uncertainty (1 sd)")
+    ax.plot([], [], "o", color=VEHICLE_COLOR, label="vehicle")
     return arena(ax, world)
 
 
-def _by_short_name(runs: pd.DataFrame) -> pd.DataFrame:
-    return runs.assign(planner=runs["planner"].map(PLANNERS))
+def _mark(ax: Axes, paper: tuple[float, float] | None) -> None:
+    for tick in paper or ():
+        ax.axhline(tick, color="0.6", lw=0.8, ls=":", zorder=0)
 
 
-def _short_names(runs: pd.DataFrame) -> Sequence[str]:
-    return [short for planner, short in PLANNERS.items() if planner in set(runs["planner"])]
+def _legend_above(ax: Axes) -> Axes:
+    """Put the legend to the right of the title, where no data can be."""
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.1)
+    return ax
+
+
+def _dodge(runs: pd.DataFrame) -> tuple[list[int], dict[str, Floats], float]:
+    """Context sizes, the x positions of each planner's boxes around 0, 1, 2 ..., and the room of one box."""
+    sizes = sorted(runs["context_size"].unique())
+    planners = [planner for planner in PLANNERS if planner in set(runs["planner"])]
+    width = 0.8 / len(planners)
+    shifts = width * (np.arange(len(planners)) - (len(planners) - 1) / 2)
+    return sizes, {p: np.arange(len(sizes)) + shift for p, shift in zip(planners, shifts, strict=True)}, width

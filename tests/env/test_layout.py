@@ -1,0 +1,204 @@
+"""Layouts: the files in `conf/layout`, every kind of bad input, and geometry against plain loops."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from affmap.env.layout import Circle, Layout
+from affmap.env.physics import Vehicle
+from affmap.settings import ConfigError, folder, read
+
+FILES = sorted(path.stem for path in (folder() / "layout").glob("*.yaml"))
+quick = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+def circle(**changes: Any) -> dict[str, Any]:
+    return {"center": [1.5, 1.0], "radius": 0.2, "effect": "obstacle", "channel": "solid", **changes}
+
+
+def original(**changes: Any) -> Layout:
+    return Layout.load("layout", "original", **changes)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_file_loads_and_a_vehicle_can_start_in_its_corners(name: str) -> None:
+    """Against the file's plain content."""
+    layout, content = Layout.load("layout", name), read("layout", name)
+    assert layout.name == content["name"] == name
+    assert [list(circle.center) for circle in layout.circles] == [circle["center"] for circle in content["circles"]]
+    layout.check_corners(Vehicle.load("vehicle", "default").radius)
+    for number, (x, y, radius, channel) in enumerate(layout.map.circles):
+        wanted = content["circles"][number]
+        assert ([x, y], radius) == (wanted["center"], wanted["radius"])
+        assert content["channels"][channel] == wanted["channel"]
+    assert list(layout.map.size) == content["size"] and layout.map.num_channels == len(content["channels"])
+    assert content["channels"][layout.map.border_channel] == content["border_channel"]
+
+
+def test_the_original_is_the_paper_s_size_with_six_obstacles() -> None:
+    """Section 4.1: 3 x 2 units; Figure 3: six obstacles."""
+    layout = original()
+    assert layout.size == (3.0, 2.0) and [one.effect for one in layout.circles] == ["obstacle"] * 6
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"circles": [circle(center=[3.1, 1.0])]}, ["circles[0].center = [3.1, 1.0]", "x must be in [0, 3.0]"]),
+        ({"circles": [circle(center=[1.0, -0.1])]}, ["circles[0].center = [1.0, -0.1]", "y in [0, 2.0]"]),
+        ({"circles": [circle(center=[math.nan, 1.0])]}, ["circles[0].center[0] = nan", "finite number"]),
+        ({"circles": [circle(center=[1.0])]}, ["circles[0].center[1] is missing", "add the key"]),
+        ({"circles": [circle(), circle(radius=-0.2)]}, ["circles[1].radius = -0.2", "greater than 0"]),
+        ({"circles": [circle(radius=0)]}, ["circles[0].radius = 0", "greater than 0"]),
+        ({"circles": [circle(radius=math.nan)]}, ["circles[0].radius = nan", "finite number"]),
+        ({"circles": [circle(radius=math.inf)]}, ["circles[0].radius = inf", "finite number"]),
+        ({"circles": [circle(effect="wall")]}, ["circles[0].effect = 'wall'", "'obstacle', 'fog', 'force_up'"]),
+        ({"circles": [circle(colour="red")]}, ["circles[0].colour = 'red'", "not a known key", "remove it"]),
+        ({"circles": [circle(channel="soft")]}, ["circles[0].channel = 'soft'", "one of channels ['solid']"]),
+        ({"circle": []}, ["circle = []", "not a known key", "remove it"]),
+        ({"channels": ["solid", "solid"]}, ["channels = ['solid', 'solid']", "give each its own name"]),
+        ({"channels": []}, ["channels = []", "should have at least 1 item"]),
+        ({"border_channel": "sea"}, ["border_channel = 'sea'", "one of channels ['solid']"]),
+        ({"size": [3.0, 0.0]}, ["size[1] = 0.0", "greater than 0"]),
+        ({"size": [math.inf, 2.0]}, ["size[0] = inf", "finite number"]),
+        ({"start_side": 0.0}, ["start_side = 0.0", "greater than 0"]),
+        ({"start_side": 0.91}, ["start_side = 0.91", "start_margin = 0.1", "at most 1.0"]),
+        ({"start_margin": -0.1}, ["start_margin = -0.1", "greater than 0"]),
+    ],
+)
+def test_bad_input_is_named_with_file_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
+    """Golden parts of the message."""
+    with pytest.raises(ConfigError) as caught:
+        original(**changes)
+    message = str(caught.value)
+    assert message.startswith("conf/layout/original.yaml: ")
+    assert [part for part in parts if part not in message] == [], message
+
+
+@pytest.mark.parametrize("key", sorted(Layout.model_fields))
+def test_a_missing_key_is_named(key: str) -> None:
+    content = {name: value for name, value in read("layout", "original").items() if name != key}
+    with pytest.raises(ConfigError, match=f"^conf/layout/x.yaml: {key} is missing; add the key.$"):
+        Layout.checked(content, "conf/layout/x.yaml")
+
+
+@pytest.mark.parametrize("key", sorted(Circle.model_fields))
+def test_a_missing_key_of_a_circle_is_named(key: str) -> None:
+    content = {name: value for name, value in circle().items() if name != key}
+    with pytest.raises(ConfigError, match=rf"circles\[0\]\.{key} is missing; add the key"):
+        original(circles=[content])
+
+
+@pytest.mark.parametrize(
+    ("center", "square"),
+    [
+        ([0.2, 0.5], "x 0.1 to 0.3, y 0.1 to 0.3"),
+        ([2.8, 0.2], "x 2.7 to 2.9, y 0.1 to 0.3"),
+        ([0.2, 1.8], "x 0.1 to 0.3, y 1.7 to 1.9"),
+        ([2.55, 1.55], "x 2.7 to 2.9, y 1.7 to 1.9"),
+    ],
+)
+def test_a_blocked_start_corner_is_named(center: list[float], square: str) -> None:
+    """Golden parts: layout, circle, its values, which corner, and what would be right."""
+    layout = original(circles=[circle(), circle(center=center)])
+    with pytest.raises(ValueError) as caught:
+        layout.check_corners(0.06)
+    wanted = ["layout 'original'", "circles[1]", str(center), "radius 0.2", square, "at least 0.06 away"]
+    assert [part for part in wanted if part not in str(caught.value)] == []
+
+
+def test_a_margin_smaller_than_the_vehicle_is_named() -> None:
+    with pytest.raises(ValueError, match=r"start_margin = 0\.05 .* radius 0\.06; make it at least that"):
+        original(start_margin=0.05).check_corners(0.06)
+
+
+@pytest.mark.parametrize("effect", ["fog", "force_up", "force_down", "none"])
+def test_only_obstacles_block_a_corner_or_a_place(effect: str) -> None:
+    layout = original(circles=[circle(effect=effect, center=[0.2, 0.2])])
+    layout.check_corners(0.06)
+    assert layout.is_free(np.array([0.2, 0.2]), 0.06)
+
+
+fractions = st.floats(0, 1)
+
+
+@st.composite
+def layouts(draw: st.DrawFn) -> Layout:
+    size = (draw(st.floats(0.5, 4)), draw(st.floats(0.5, 4)))
+    margin = draw(st.floats(0.05, 0.2)) * min(size)
+    circles = [
+        circle(
+            center=[draw(fractions) * size[0], draw(fractions) * size[1]],
+            radius=draw(st.floats(0.01, 1)),
+            effect=draw(st.sampled_from(["obstacle", "obstacle", "fog", "none", "force_up"])),
+        )
+        for _ in range(draw(st.integers(0, 5)))
+    ]
+    side = draw(st.floats(0.05, 0.29)) * min(size)
+    return original(size=size, circles=circles, start_margin=margin, start_side=side)
+
+
+@quick
+@given(layouts(), st.lists(st.tuples(st.floats(-1, 5), st.floats(-1, 5)), min_size=1, max_size=8), st.floats(0.01, 0.5))
+def test_is_free_equals_distances_computed_one_by_one(
+    layout: Layout, positions: list[tuple[float, float]], radius: float
+) -> None:
+    """Plain loops; places within rounding of touching are left out."""
+    found = layout.is_free(np.array(positions), radius)
+    assert found.shape == (len(positions),)
+    for (x, y), free in zip(positions, found, strict=True):
+        gaps = [x - radius, y - radius, layout.size[0] - radius - x, layout.size[1] - radius - y]
+        for one in layout.circles:
+            if one.effect == "obstacle":
+                gaps.append(math.hypot(x - one.center[0], y - one.center[1]) - one.radius - radius)
+        if abs(min(gaps)) > 1e-9:
+            assert free == (min(gaps) > 0)
+
+
+def test_is_free_takes_any_shape_and_never_calls_nan_free() -> None:
+    layout = original()
+    positions = np.random.default_rng(0).uniform([0, 0], [3, 2], (3, 4, 2))
+    found = layout.is_free(positions, 0.06)
+    assert found.shape == (3, 4) and found.any() and not found.all()
+    for index in np.ndindex(3, 4):
+        assert found[index] == layout.is_free(positions[index], 0.06)
+    assert not layout.is_free(np.array([math.nan, 1.0]), 0.06)
+
+
+@quick
+@given(layouts())
+def test_corner_squares_lie_in_their_corner_at_their_margin(layout: Layout) -> None:
+    """Closed form; the opposite corner is the point reflection at the centre of the arena."""
+    (width, height), margin, side = layout.size, layout.start_margin, layout.start_side
+    for corner in range(4):
+        low, high = layout.corner(corner)
+        np.testing.assert_allclose(high - low, side)
+        assert (low > 0).all() and high[0] < width and high[1] < height
+        assert (low[0] > width / 2 - 1e-9) if corner in (1, 3) else (high[0] < width / 2 + 1e-9)
+        assert (low[1] > height / 2 - 1e-9) if corner in (2, 3) else (high[1] < height / 2 + 1e-9)
+        gaps = [low[0], width - high[0], low[1], height - high[1]]
+        np.testing.assert_allclose(min(gaps[:2]), margin)
+        np.testing.assert_allclose(min(gaps[2:]), margin)
+        opposite = np.array(layout.size) - layout.corner(3 - corner)[::-1]
+        np.testing.assert_allclose(np.stack([low, high]), opposite)
+
+
+@quick
+@given(layouts(), st.floats(0.01, 0.1))
+def test_corners_are_refused_where_and_only_where_a_vehicle_could_not_stand(layout: Layout, radius: float) -> None:
+    """Against `is_free` on a grid of each square; what the grid is too coarse to decide is left out."""
+    assume(layout.start_margin >= radius + 1e-9)
+    steps = np.linspace(0, 1, 41)
+    fraction = np.stack(np.meshgrid(steps, steps), -1)
+    squares = [layout.corner(corner) for corner in range(4)]
+    places = np.stack([low + fraction * (high - low) for low, high in squares])
+    coarse = layout.start_side / 40
+    if not layout.is_free(places, radius).all():
+        with pytest.raises(ValueError, match="blocks the start corner"):
+            layout.check_corners(radius)
+    elif layout.start_margin >= radius + coarse and layout.is_free(places, radius + coarse).all():
+        layout.check_corners(radius)
