@@ -14,6 +14,7 @@ import pandas as pd
 from affmap.report import maps, statistics
 from affmap.report.statistics import Direction, Outcome, Verdict
 from affmap.report.tables import PLANNERS, Results, score_matrix
+from affmap.report.text import number, p_value
 
 METRICS = {"validation_nll": "nats", "prediction_error": "nats", "mean_distance": "u"}
 """Metric -> unit."""
@@ -30,6 +31,8 @@ class Part(NamedTuple):
     effect_of: str
     """What the effect is the difference of."""
     outcome: Outcome
+    statement: str = ""
+    """What this part says where a claim has several."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def as_table(scores: Sequence[Score]) -> pd.DataFrame:
                 {
                     "claim": item.claim.name,
                     "part": part.name,
-                    "statement": item.claim.statement,
+                    "statement": part.statement or item.claim.statement,
                     "test": outcome.test,
                     "members": outcome.members,
                     "effect_of": part.effect_of,
@@ -92,26 +95,17 @@ def as_table(scores: Sequence[Score]) -> pd.DataFrame:
 def medians(results: Results) -> pd.DataFrame:
     """Median of each setting (over members for the validation loss, over runs in control) and the paper's range."""
     losses = results.last_epoch.assign(planner="")
-    rows = []
+    tables = []
     for metric, unit in METRICS.items():
-        table = losses if metric == "validation_nll" else results.runs
+        values = losses if metric == "validation_nll" else results.runs
+        groups = values.groupby(["planner", "context_size"])[metric]
+        table = groups.agg(number="size", median=lambda scores: scores.median(skipna=False)).reset_index()
         low, high = PAPER_RANGES[metric]
-        for (planner, context_size), values in table.groupby(["planner", "context_size"])[metric]:
-            median = float(values.median(skipna=False))
-            rows.append(
-                {
-                    "metric": metric,
-                    "planner": PLANNERS.get(planner, ""),
-                    "context_size": context_size,
-                    "number": len(values),
-                    "median": median,
-                    "unit": unit,
-                    "paper_low": low,
-                    "paper_high": high,
-                    "inside": low <= median <= high,
-                }
-            )
-    return pd.DataFrame(rows)
+        inside = table["median"].between(low, high)
+        table = table.assign(unit=unit, paper_low=low, paper_high=high, inside=inside)
+        table.insert(0, "metric", metric)
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True).replace({"planner": PLANNERS})
 
 
 def _validation_trend(results: Results) -> list[Part]:
@@ -138,10 +132,12 @@ def _planners_without_context(results: Results) -> list[Part]:
 def _planners_with_context(results: Results) -> list[Part]:
     runs = results.runs.query("context_size > 0")
     both = runs.groupby("context_size")["planner"].transform("nunique") == len(PLANNERS)
-    groups = {size: _lower_distance(group, "cem") for size, group in runs[both].groupby("context_size")}
     outcome = _lower_distance(runs[both], "cem")
-    each = "; ".join(f"C = {size}: {_effect_and_p(group)}" for size, group in groups.items())
-    note = "; ".join(filter(None, [outcome.note, each]))
+    each = [
+        f"C = {size!s}: {_effect_and_p(_lower_distance(group, 'cem'))}"
+        for size, group in runs[both].groupby("context_size")
+    ]
+    note = "; ".join(filter(None, [outcome.note, *each]))
     return [Part("", "EB minus GB, mean over C > 0", replace(outcome, note=note))]
 
 
@@ -153,31 +149,41 @@ def _lower_distance(runs: pd.DataFrame, better: str) -> Outcome:
     settings = runs.pivot_table(
         index="member", columns=["planner", "context_size"], values="mean_distance", aggfunc="mean", dropna=False
     )
-    return statistics.lower(settings[better].mean(axis=1, skipna=False), settings[worse].mean(axis=1, skipna=False))
+    first, second = (settings[planner].to_numpy(dtype=float).mean(axis=1) for planner in (better, worse))
+    return statistics.lower(first, second)
 
 
 def _effect_and_p(outcome: Outcome) -> str:
     if outcome.effect is None or outcome.p is None:
         return outcome.note
-    return f"{outcome.effect:+.3f} u, p = {outcome.p:.2g}, {outcome.verdict}"
+    return f"{number(outcome.effect, sign=True)} u, p {p_value(outcome.p)}, {outcome.verdict}"
 
 
 def _map_encoding(results: Results) -> list[Part]:
-    parts = {
-        "a": ("free-space distance elsewhere minus beside surfaces", maps.obstacle_contrast),
-        "b": ("distance to the matching minus to other border sides", maps.side_match),
-    }
-    if not results.maps:
-        missing = statistics.undecided("Wilcoxon signed-rank", 0, "needs a context size above 0")
-        return [Part(name, effect_of, missing) for name, (effect_of, _) in parts.items()]
-    context_size = max(results.maps)
-    outcomes = []
-    for name, (effect_of, compare) in parts.items():
-        smaller, larger = compare(results.maps[context_size], results.world)
-        outcome = statistics.lower(smaller, larger) if len(smaller) else _NOWHERE
-        outcomes.append(Part(name, f"{effect_of} (C = {context_size})", outcome))
-    return outcomes
+    size = max(results.maps, default=0)
+    parts = []
+    for name, (statement, effect_of, compare) in _ENCODING.items():
+        if size:
+            smaller, larger = compare(results.maps[size], results.world)
+            outcome = statistics.lower(smaller, larger) if len(smaller) else _NOWHERE
+        else:
+            outcome = statistics.undecided("Wilcoxon signed-rank", 0, "needs a context size above 0")
+        parts.append(Part(name, f"{effect_of}, C = {size}", outcome, statement))
+    return parts
 
+
+_ENCODING = {
+    "a": (
+        "Codes beside a surface are farther from the free-space code than codes elsewhere.",
+        "distance to the free-space code, elsewhere minus beside",
+        maps.obstacle_contrast,
+    ),
+    "b": (
+        "Codes beside an obstacle's side are nearer to those beside the border side that blocks the same direction.",
+        "distance to the matching minus to the other border sides",
+        maps.side_match,
+    ),
+}
 
 _NOWHERE = statistics.undecided("Wilcoxon signed-rank", 0, "this world has no place where the parts can be seen alone")
 
@@ -211,7 +217,7 @@ CLAIMS = (
     Claim("I-7", "With a context, EB comes closer to the goal than GB.", "u", _planners_with_context),
     Claim(
         "I-8",
-        "The map encodes (a) surfaces unlike free space and (b) sides of obstacles like the matching border sides.",
+        "The map encodes obstacles unlike free space, and their sides like the matching sides of the border.",
         "sd",
         _map_encoding,
     ),

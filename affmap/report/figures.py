@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -18,7 +18,7 @@ WIDTH = 7.0
 NUM_MEMBERS = 6
 """How many members' maps are shown side by side."""
 
-STYLE = {
+STYLE: Any = {
     "font.size": 8,
     "axes.titlesize": 8.5,
     "axes.spines.top": False,
@@ -42,16 +42,16 @@ class Example(NamedTuple):
     context_size: int
     member: int
     run: int
-    index: int
-    """Of the B runs in `paths`."""
+    problem: int
+    """Its place among the B runs in `paths`."""
     step: int
     paths: Trajectories
 
 
-def draw_all(results: Results, folder: Path, notice: str | None) -> list[str]:
-    """Draw every figure the results allow, save each as PNG and PDF, and return their names."""
+def draw_all(results: Results, folder: Path, notice: str | None) -> dict[str, float]:
+    """Draw every figure the results allow, save each as PNG and PDF, and return their names and widths in inches."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = []
+    widths = {}
     with mpl.rc_context(STYLE):
         for name, draw in FIGURES.items():
             figure = draw(results)
@@ -61,15 +61,17 @@ def draw_all(results: Results, folder: Path, notice: str | None) -> list[str]:
                 figure.suptitle(notice, color="red", fontsize=8, fontweight="bold")
             figure.savefig(folder / f"{name}.png", dpi=200, metadata={"Software": None})
             figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-            names.append(name)
-    return names
+            widths[name] = float(figure.get_figwidth())
+    return widths
 
 
 def figure4(results: Results) -> Figure:
     """The paper's Figure 4: learning curves, an affordance map, prediction error and mean distance."""
     figure = _figure(5.2)
     (loss, code), (error, distance) = figure.subplots(2, 2)
-    panels.learning_curves(loss, results.validation, claims.PAPER_RANGES["validation_nll"]).set_title("A  Validation loss", loc="left")
+    panels.learning_curves(loss, results.validation, claims.PAPER_RANGES["validation_nll"]).set_title(
+        "A  Loss by context size", loc="left"
+    )
     code.set_title("B  Affordance map", loc="left")
     if results.maps:
         size = max(results.maps)
@@ -80,8 +82,8 @@ def figure4(results: Results) -> Figure:
         code.set_axis_off()
     for ax, metric in ((error, "prediction_error"), (distance, "mean_distance")):
         panels.boxes(ax, results.runs, metric, claims.PAPER_RANGES[metric])
-    error.set_title("C  Prediction error in control", loc="left")
-    distance.set_title("D  Mean distance in control", loc="left")
+    error.set_title("C  Prediction error", loc="left")
+    distance.set_title("D  Mean distance", loc="left")
     return figure
 
 
@@ -93,7 +95,7 @@ def figure5(results: Results) -> Figure | None:
     figure = _figure(3.0)
     axes = figure.subplots(1, len(examples), squeeze=False)[0]
     for ax, example in zip(axes, examples, strict=True):
-        panels.trajectory(ax, example.paths, example.index, example.step, results.world)
+        panels.trajectory(ax, example.paths, example.problem, example.step, results.world)
         ax.set_title(f"context size {example.context_size}, step {example.step}", loc="left")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     return figure
@@ -133,8 +135,9 @@ def affordance_maps(results: Results) -> Figure | None:
     sizes = [(f"C = {size}", arrays, 0) for size, arrays in results.maps.items()]
     groups = {f"Members at context size {size}": (members, 3), f"Member {first} at each context size": (sizes, 4)}
     rows = [-(-len(shown) // columns) for shown, columns in groups.values()]
-    figure = _figure(0.6 + 1.75 * rows[0] + 1.4 * rows[1])
-    parts = figure.subfigures(2, 1, height_ratios=[0.3 + 1.75 * rows[0], 0.3 + 1.4 * rows[1]])
+    heights = [0.5 + 1.65 * rows[0], 0.6 + 1.25 * rows[1]]
+    figure = _figure(sum(heights))
+    parts = figure.subfigures(2, 1, height_ratios=heights, squeeze=False).ravel()
     for part, (title, (shown, columns)), num_rows in zip(parts, groups.items(), rows, strict=True):
         part.suptitle(title, x=0.01, ha="left", fontsize=9)
         grid = part.subplots(num_rows, columns, sharex=True, sharey=True, squeeze=False)

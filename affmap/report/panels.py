@@ -48,8 +48,7 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: tuple[float, floa
         ax.plot(mean.index, mean, color=color, label=f"{context_size}", lw=1.4, marker="." if len(mean) < 10 else "")
         ax.fill_between(mean.index, mean - deviation, mean + deviation, color=color, alpha=0.18, lw=0)
     ax.set(xlabel="epoch", ylabel=LABELS["validation_nll"])
-    ax.legend(title="context size", ncols=2, frameon=False, loc="upper right")
-    return ax
+    return _legend_above(ax)
 
 
 def boxes(ax: Axes, runs: pd.DataFrame, metric: str, paper: tuple[float, float] | None = None) -> Axes:
@@ -91,8 +90,8 @@ def success_share(ax: Axes, runs: pd.DataFrame) -> Axes:
     sizes, positions, width = _dodge(runs)
     for planner, offsets in positions.items():
         shares = score_matrix(runs[runs["planner"] == planner], "reached").reindex(columns=sizes)  # [M, sizes]
-        bar = {"color": PLANNER_COLORS[planner], "edgecolor": "black", "linewidth": 0.8, "label": PLANNERS[planner]}
-        ax.bar(offsets, shares.mean(), 0.85 * width, **bar)
+        color, label = PLANNER_COLORS[planner], PLANNERS[planner]
+        ax.bar(offsets, shares.mean(), 0.85 * width, color=color, edgecolor="black", linewidth=0.8, label=label)
         for offset, size in zip(offsets, sizes, strict=True):
             members = shares[size].dropna()
             if len(members) >= statistics.MIN_MEMBERS:
@@ -183,8 +182,8 @@ def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Worl
         ax.add_patch(Ellipse(mean, width, height, fill=False, ec=PLANNER_COLORS["cem"], lw=0.6, alpha=0.6, zorder=3))
     ax.add_patch(Disc(past[-1], maps.VEHICLE_RADIUS, color=VEHICLE_COLOR, lw=0, zorder=6))
     ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=7, mew=2.0, ls="", zorder=7, label="goal")
-    ring = {"mfc": "none", "mec": PLANNER_COLORS["cem"], "mew": 0.6}  # empty lines: a patch's legend is a rectangle
-    ax.plot([], [], "o", **ring, label="predicted uncertainty (1 sd)")
+    # Empty lines for the legend, where a patch would be a rectangle.
+    ax.plot([], [], "o", mfc="none", mec=PLANNER_COLORS["cem"], mew=0.6, label="predicted uncertainty (1 sd)")
     ax.plot([], [], "o", color=VEHICLE_COLOR, label="vehicle")
     return arena(ax, world)
 
@@ -196,7 +195,8 @@ def _mark(ax: Axes, paper: tuple[float, float] | None) -> None:
 
 def _legend_above(ax: Axes) -> Axes:
     """Put the legend to the right of the title, where no data can be."""
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.1)
+    style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 1.2, "handletextpad": 0.4, "columnspacing": 1.0}
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, **style)
     return ax
 
 

@@ -1,7 +1,7 @@
 """Completed stages on disk -> tidy tables and arrays. Knows file formats, and neither tests, figures nor other modules.
 
-Axes: M members, T recorded steps, B = M x 4 runs, H planning horizon, C context code, Y and X rows and columns of a grid
-(row 0 has the smallest y). Lengths are in units (u), times in steps, likelihoods in nats (both coordinates summed,
+Axes: M members, T recorded steps, B = M x 4 runs, H planning horizon, C context code, Y and X rows and columns of a
+grid (row 0 has the smallest y). Lengths are in units (u), times in steps, likelihoods in nats (both coordinates summed,
 constants included).
 """
 
@@ -21,10 +21,25 @@ PLANNERS = {"cem": "EB", "gradient": "GB"}
 
 STAGES = ("data", "train", "map", "control")
 
-RUN_COLUMNS = (
-    "experiment,layout,planner,lookup,context_size,member,run,start_x,start_y,goal_x,goal_y,prediction_error,"
-    "mean_distance,reached,steps_to_reach,steps_touching,steps_in_fog"
-).split(",")
+RUN_COLUMNS = [
+    "experiment",
+    "layout",
+    "planner",
+    "lookup",
+    "context_size",
+    "member",
+    "run",
+    "start_x",
+    "start_y",
+    "goal_x",
+    "goal_y",
+    "prediction_error",
+    "mean_distance",
+    "reached",
+    "steps_to_reach",
+    "steps_touching",
+    "steps_in_fog",
+]
 VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
 
 Floats = NDArray[np.floating]
@@ -223,7 +238,9 @@ def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     table = pd.read_csv(path)
     missing = [column for column in columns if column not in table]
     if missing:
-        raise ValueError(f"{path} lacks the columns {missing}; it has {list(table)}. Was it written by another version?")
+        raise ValueError(
+            f"{path} lacks the columns {missing}; it has {list(table)}. Was it written by another version?"
+        )
     return table[list(columns)]
 
 
@@ -237,7 +254,7 @@ def _world(layout: dict[str, Any]) -> World:
     return World(
         name=layout["name"],
         size=(float(layout["size"][0]), float(layout["size"][1])),
-        circles=tuple(Circle(*map(float, c["center"]), float(c["radius"]), c["effect"]) for c in circles),
+        circles=tuple(Circle(c["center"][0], c["center"][1], c["radius"], c["effect"]) for c in circles),
         start_margin=float(layout["start_margin"]),
         start_side=float(layout["start_side"]),
     )

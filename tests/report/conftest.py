@@ -133,7 +133,9 @@ def _control(folder: Path, size: int, planner: str, members: int, steps: int) ->
     evolutionary = planner == "cem"
     distance = 1.15 - 0.25 * np.sqrt(size) if evolutionary else 0.9 + 0.02 * size
     reached = rng.random(count) < (0.75 if size == 0 else 0.97)
-    table = pd.DataFrame({"experiment": "exp1", "layout": "original", "planner": planner, "lookup": "map"}, range(count))
+    table = pd.DataFrame(
+        {"experiment": "exp1", "layout": "original", "planner": planner, "lookup": "map"}, range(count)
+    )
     table = table.assign(context_size=size, member=member, run=run)
     table[["start_x", "start_y"]], table[["goal_x", "goal_y"]] = start, goal
     table["prediction_error"] = -8.0 - 0.6 * np.sqrt(size) + rng.normal(0, 0.3, count)

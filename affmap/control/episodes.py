@@ -1,0 +1,125 @@
+"""Goal-directed runs -> tables: every member flies from every corner to the opposite one (Section 4.2).
+
+All runs of a stack go on side by side, one vehicle environment each. Knows agents and environments.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import torch
+
+from affmap.control.agent import Agent, ControlSettings, Decision, Observation, prediction_error
+from affmap.env.layout import Layout
+from affmap.env.physics import Vehicle
+from affmap.env.vehicle import VehicleEnv
+from affmap.random import integer
+
+
+class Runs(NamedTuple):
+    """Results of B runs."""
+
+    table: pd.DataFrame
+    """One row a run; columns as `summarise` explains."""
+    trajectories: dict[str, np.ndarray]
+    """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
+    `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member`, `run [B]`."""
+
+
+def control(
+    agent: Agent,
+    seeds: Sequence[int],
+    layout: Layout,
+    vehicle: Vehicle,
+    settings: ControlSettings,
+    on_step: Callable[[int], None] = lambda step: None,
+) -> Runs:
+    """Let `agent`, a stack of the members `seeds`, fly all its runs.
+
+    Start, goal and everything random in a run depend on the member and the number of the run only, so that planners,
+    look-ups and context sizes are compared on the same starts and goals. `on_step` is called with the steps done.
+    """
+    pairs = [(seed, run) for seed in seeds for run in range(settings.runs_per_member)]
+    envs = [VehicleEnv(layout, vehicle, settings.goal_radius) for _ in pairs]
+    generators = [torch.Generator().manual_seed(integer(seed, "planner", run)) for seed, run in pairs]
+    starts = [
+        env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})
+        for env, (seed, run) in zip(envs, pairs, strict=True)
+    ]
+    observation = _batch([start for start, _ in starts], settings.device)
+    record: dict[str, list[np.ndarray]] = {key: [] for key in _STEP_KEYS}
+    positions = [np.stack([info["position"] for _, info in starts])]
+    state = agent.initial(len(pairs))
+    for step in range(settings.num_steps):
+        decision, state = agent.act(observation, state, generators)
+        results = [env.step(action) for env, action in zip(envs, decision.action.cpu().numpy(), strict=True)]
+        observation = _batch([result[0] for result in results], settings.device)
+        infos = [result[4] for result in results]
+        positions.append(np.stack([info["position"] for info in infos]))
+        _note(record, decision, observation, infos)
+        on_step(step + 1)
+    trajectories = {key: np.stack(parts, axis=1) for key, parts in record.items()}
+    trajectories["position"] = np.stack(positions, axis=1).astype(np.float32)
+    trajectories["goal"] = np.stack([env.goal for env in envs])
+    trajectories["member"], trajectories["run"] = np.array(pairs).T
+    return Runs(summarise(trajectories), trajectories)
+
+
+_STEP_KEYS = (
+    "action",
+    "planned_position",
+    "planned_std",
+    "prediction_error",
+    "touching",
+    "in_fog",
+    "reached",
+)
+
+
+def _note(record: dict[str, list[np.ndarray]], decision: Decision, after: Observation, infos: list[dict]) -> None:
+    """Keep what was decided, and what came of it."""
+    values = {
+        "action": decision.action,
+        "planned_position": decision.path.mean,
+        "planned_std": decision.path.log_std.exp(),
+        "prediction_error": prediction_error(decision, after.delta),
+    }
+    for key, value in values.items():
+        record[key].append(value.cpu().numpy())
+    for key in ("touching", "in_fog", "reached"):
+        record[key].append(np.array([info[key] for info in infos]))
+
+
+def _batch(observations: Sequence[dict[str, np.ndarray]], device: str) -> Observation:
+    """Observations of B environments as tensors."""
+    parts = {key: torch.from_numpy(np.stack([o[key] for o in observations])).to(device) for key in observations[0]}
+    return Observation(parts["position"], parts["delta"], parts["view"].bool(), parts["goal"])
+
+
+def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
+    """One row a run.
+
+    Columns: member, run; start_x, start_y, goal_x, goal_y (u); prediction_error (nats, mean over steps of the negative
+    log-likelihood of the change of position); mean_distance (u, between true position and goal, mean over the steps'
+    ends); reached; steps_to_reach (empty where not reached); steps_touching; steps_in_fog.
+    """
+    position, goal, reached = trajectories["position"], trajectories["goal"], trajectories["reached"]
+    distance = np.linalg.norm(position[:, 1:] - goal[:, None], axis=-1)
+    ever = reached.any(axis=1)
+    return pd.DataFrame(
+        {
+            "member": trajectories["member"],
+            "run": trajectories["run"],
+            "start_x": position[:, 0, 0],
+            "start_y": position[:, 0, 1],
+            "goal_x": goal[:, 0],
+            "goal_y": goal[:, 1],
+            "prediction_error": trajectories["prediction_error"].mean(axis=1),
+            "mean_distance": distance.mean(axis=1),
+            "reached": ever,
+            "steps_to_reach": pd.Series(np.where(ever, reached.argmax(axis=1) + 1, 0)).where(ever).astype("Int64"),
+            "steps_touching": trajectories["touching"].sum(axis=1),
+            "steps_in_fog": trajectories["in_fog"].sum(axis=1),
+        }
+    )

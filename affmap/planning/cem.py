@@ -1,0 +1,106 @@
+"""Evolutionary planning: the cross-entropy method with the modifications of Appendix B.
+
+Each problem has a normal distribution over each throttle of each future step. Candidates are drawn from it and
+evaluated, and the distribution moves to the elites. What each modification is there for:
+
+- momentum on means and variances (de Boer et al. 2005): steadier estimates from few elites;
+- some elites are kept among the next iteration's candidates, and, shifted by a step, among the next step's (iCEM);
+- means are shifted to the next step, variances start anew (PETS): a warm start that can still leave its optimum;
+- the best candidate found is executed, not the mean (iCEM);
+- values outside [0, 1] are drawn again: a truncated normal, drawn in one shot through its quantile function.
+"""
+
+from typing import Literal, NamedTuple, Self
+
+import torch
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from torch import Tensor
+
+from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
+from affmap.settings import Settings
+
+
+class CEMState(NamedTuple):
+    """What the method remembers from step to step."""
+
+    mean: Tensor
+    """`[B, H, 4]`"""
+    elites: Tensor
+    """`[B, K, H, 4]`, candidates kept for the next iteration; K is 0 before the first plan."""
+
+
+class CEMPlanner(Settings):
+    """The cross-entropy method (`conf/planner/cem.yaml`)."""
+
+    kind: Literal["cem"]
+    horizon: PositiveInt
+    """H, steps."""
+    num_candidates: PositiveInt
+    """N, candidates drawn an iteration; kept elites are evaluated besides."""
+    num_elites: PositiveInt
+    """Candidates that the distribution is estimated from."""
+    num_kept: NonNegativeInt
+    """K, elites that join the next iteration's candidates."""
+    num_iterations: PositiveInt
+    initial_mean: float = Field(ge=0, le=1)
+    initial_variance: PositiveFloat
+    momentum: float = Field(ge=0, lt=1)
+    """Weight of the old mean and variance."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.num_kept <= self.num_elites <= self.num_candidates:
+            raise ValueError(
+                f"num_kept = {self.num_kept}, num_elites = {self.num_elites}, num_candidates = {self.num_candidates}: "
+                "they must not decrease in this order."
+            )
+        return self
+
+    def initial(self, num_problems: int, device: torch.device | str = "cpu") -> CEMState:
+        """Means at `initial_mean`, no elites."""
+        mean = torch.full((num_problems, self.horizon, 4), self.initial_mean, device=device)
+        return CEMState(mean, mean.new_empty(num_problems, 0, self.horizon, 4))
+
+    @torch.no_grad()
+    def plan(self, objective: Objective, state: CEMState, generators: Generators) -> tuple[Plan, CEMState]:
+        """Improve the distribution `num_iterations` times; see `Planner.plan`."""
+        mean, kept = state
+        variance = torch.full_like(mean, self.initial_variance)
+        for _ in range(self.num_iterations):
+            uniform = self._uniform(generators, mean)
+            candidates = torch.cat([kept, truncated_normal(mean[:, None], variance.sqrt()[:, None], uniform)], dim=1)
+            costs, order = evaluate(objective, candidates).topk(self.num_elites, dim=1, largest=False)  # ascending
+            elites = candidates.gather(1, order[..., None, None].expand(-1, -1, *candidates.shape[2:]))
+            mean, variance = self._estimate(elites, costs.isfinite(), mean, variance)
+            kept = elites[:, : self.num_kept]
+        return Plan(elites[:, 0], costs[:, 0]), CEMState(shift(mean), shift(kept))
+
+    def _uniform(self, generators: Generators, mean: Tensor) -> Tensor:
+        """Uniform numbers in [0, 1), `[B, N, H, 4]`, each problem's from its own generator."""
+        shape = (self.num_candidates, self.horizon, 4)
+        return torch.stack([torch.rand(shape, generator=generator) for generator in generators]).to(mean.device)
+
+    def _estimate(self, elites: Tensor, usable: Tensor, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and variance of the usable elites, `[B, E, H, 4]` and `[B, E]` bool, mixed with the old ones."""
+        weight = usable / usable.sum(1, keepdim=True).clamp_min(1)
+        weight = weight[..., None, None]
+        elite_mean = (weight * elites).sum(1)
+        elite_variance = (weight * (elites - elite_mean[:, None]).square()).sum(1)
+        # A problem none of whose candidates has a finite cost keeps its distribution.
+        momentum = torch.where(usable.any(1), self.momentum, 1.0)[:, None, None]
+        return torch.lerp(elite_mean, mean, momentum), torch.lerp(elite_variance, variance, momentum)
+
+
+def truncated_normal(mean: Tensor, std: Tensor, uniform: Tensor) -> Tensor:
+    """Normal variables given that they lie in [0, 1], from uniform ones, by the quantile function.
+
+    The same distribution as drawing again until a value lies in [0, 1].
+
+    Args:
+        mean: in [0, 1], broadcast against `uniform`.
+        std: likewise; 0 gives the mean.
+        uniform: numbers in [0, 1), of any shape.
+    """
+    std = std.clamp_min(torch.finfo(std.dtype).tiny ** 0.5)
+    low, high = torch.special.ndtr(-mean / std), torch.special.ndtr((1 - mean) / std)
+    return (mean + std * torch.special.ndtri(torch.lerp(low, high, uniform))).clamp(0, 1)

@@ -1,0 +1,78 @@
+"""Gradient-based planning: action inference with the adjustments of Appendix B.
+
+Gradient descent on the objective, with learning rates that decay from the far future to the present, actions clamped
+to [0, 1], and an early stop: a problem whose last update made its cost larger takes that update back and is finished.
+After the search the actions are shifted by a step for a warm start.
+"""
+
+from typing import Literal, NamedTuple
+
+import torch
+from pydantic import Field, PositiveFloat, PositiveInt
+from torch import Tensor
+
+from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
+from affmap.settings import Settings
+
+
+class GradientState(NamedTuple):
+    """What the method remembers from step to step."""
+
+    actions: Tensor
+    """`[B, H, 4]`"""
+
+
+class GradientPlanner(Settings):
+    """Gradient descent on actions (`conf/planner/gradient.yaml`)."""
+
+    kind: Literal["gradient"]
+    horizon: PositiveInt
+    """H, steps."""
+    num_iterations: PositiveInt
+    """Updates at the most."""
+    initial_action: float = Field(ge=0, le=1)
+    """What all throttles are before the first plan."""
+    learning_rate: PositiveFloat
+    """Mean over the horizon."""
+    decay: float = Field(gt=0, le=1)
+    """Ratio of the learning rates of a step and the next."""
+
+    def initial(self, num_problems: int, device: torch.device | str = "cpu") -> GradientState:
+        """All throttles at `initial_action`."""
+        return GradientState(torch.full((num_problems, self.horizon, 4), self.initial_action, device=device))
+
+    def plan(self, objective: Objective, state: GradientState, generators: Generators) -> tuple[Plan, GradientState]:
+        """Descend for `num_iterations` updates at the most; see `Planner.plan`. Nothing is random here."""
+        rates = self.learning_rates().to(state.actions.device)[:, None]  # [H, 1]
+        actions = best = state.actions
+        cost = torch.full((len(actions),), torch.inf, device=actions.device)
+        active = torch.ones_like(cost, dtype=torch.bool)
+        for iteration in range(self.num_iterations + 1):  # the last update, too, is kept only if it helps
+            new_cost, gradient = self._cost_and_gradient(objective, actions, iteration < self.num_iterations)
+            active = active & (new_cost <= cost)
+            best = torch.where(active[:, None, None], actions, best)
+            cost = torch.where(active, new_cost, cost)
+            if not active.any():
+                break
+            actions = (best - rates * gradient).clamp(0, 1)
+        return Plan(best, cost), GradientState(shift(best))
+
+    def learning_rates(self) -> Tensor:
+        """`[H]`: proportional to decay ** (H - tau) for tau = 1 to H, with mean `learning_rate`.
+
+        The formula printed in Appendix B makes them sum to the "mean learning rate"; this makes it their mean.
+        """
+        weight = self.decay ** torch.arange(self.horizon - 1, -1, -1, dtype=torch.float32)
+        return self.learning_rate * weight / weight.mean()
+
+    @staticmethod
+    def _cost_and_gradient(objective: Objective, actions: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor]:
+        """Cost `[B]` of actions `[B, H, 4]` and its gradient (zeros unless asked for)."""
+        with torch.set_grad_enabled(with_gradient):
+            variable = actions.detach().requires_grad_(with_gradient)
+            cost = evaluate(objective, variable[:, None])[:, 0]
+        if not with_gradient:
+            return cost, torch.zeros_like(actions)
+        (gradient,) = torch.autograd.grad(cost.sum(), variable)
+        # Where the objective is not a number, neither is its gradient; such actions stay where they are.
+        return cost.detach(), gradient.nan_to_num(0.0, 0.0, 0.0)

@@ -1,0 +1,56 @@
+"""What every planner is: a search for the actions that minimise an objective, state in and state out.
+
+A planner sees a callable and tensors: no models, no worlds, no goals.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import torch
+from torch import Tensor
+
+Objective = Callable[[Tensor], Tensor]
+"""Cost of candidates: actions `[B, N, H, 4]` -> `[B, N]`, to be minimised."""
+
+Generators = Sequence[torch.Generator]
+"""One generator a problem, B of them, so that a problem's plan does not depend on its neighbours."""
+
+
+class Plan(NamedTuple):
+    """The best actions found for each of B problems."""
+
+    actions: Tensor
+    """`[B, H, 4]`, each in [0, 1]; the first is to be executed."""
+    cost: Tensor
+    """`[B]`, value of the objective."""
+
+
+class Planner(Protocol):
+    """A search method."""
+
+    horizon: int
+
+    def initial(self, num_problems: int, device: torch.device | str = "cpu") -> Any:
+        """The state of a planner that has not planned yet, for B problems."""
+        ...
+
+    def plan(self, objective: Objective, state: Any, generators: Generators) -> tuple[Plan, Any]:
+        """Plan for B problems, from where the last plans ended; returns the plans and the state for the next step."""
+        ...
+
+
+def evaluate(objective: Objective, actions: Tensor) -> Tensor:
+    """The costs `[B, N]` of candidates `[B, N, H, 4]`; a cost that is not a number counts as infinite.
+
+    Raises:
+        ValueError: the objective returns another shape.
+    """
+    costs = objective(actions)
+    if costs.shape != actions.shape[:2]:
+        raise ValueError(f"the objective returned shape {list(costs.shape)}; it must be {list(actions.shape[:2])}.")
+    return costs.nan_to_num(nan=torch.inf, posinf=torch.inf, neginf=-torch.inf)
+
+
+def shift(actions: Tensor) -> Tensor:
+    """Actions `[..., H, 4]` one step later; the last one is repeated."""
+    return torch.cat([actions[..., 1:, :], actions[..., -1:, :]], dim=-2)

@@ -1,0 +1,338 @@
+"""The environment proves its contract: Gymnasium's checker, bit-equal rollouts, what is reported and rewarded."""
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import affmap.env
+from affmap.env import Layout, VehicleEnv
+from affmap.settings import ConfigError
+from affmap.view import view
+
+quick = settings(max_examples=40, deadline=None, derandomize=True)
+seeds = st.integers(0, 2**31 - 1)
+Step = tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]
+
+
+def world(*circles: tuple[float, float, float, str]) -> Layout:
+    things = [{"center": [x, y], "radius": r, "effect": effect, "channel": "solid"} for x, y, r, effect in circles]
+    return Layout.load("layout", "original", circles=things)
+
+
+def actions(num_steps: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(size=(num_steps, 4)).round(2).astype(np.float32)
+
+
+def rollout(env: VehicleEnv, num_steps: int, seed: int | None, **options: Any) -> list[Step]:
+    """Reset (given as a step of reward 0) and steps with fixed actions."""
+    observation, info = env.reset(seed=seed, options=options)
+    return [(observation, 0.0, False, False, info), *(env.step(action) for action in actions(num_steps))]
+
+
+def assert_bit_equal(first: list[Step], second: list[Step]) -> None:
+    assert len(first) == len(second)
+    for one, other in zip(first, second, strict=True):
+        assert one[1:4] == other[1:4]
+        for mine, its in ((one[0], other[0]), (one[4], other[4])):
+            assert mine.keys() == its.keys()
+            for key in mine:
+                np.testing.assert_array_equal(mine[key], its[key], err_msg=key)
+
+
+# Gymnasium's checker warns of unbounded positions (fog reports any) and, without a render mode, that it cannot render.
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("render_mode", [None, "rgb_array"])
+def test_gymnasium_s_checker_has_no_complaint(render_mode: str | None) -> None:
+    check_env(VehicleEnv(render_mode=render_mode), skip_render_check=render_mode is None)
+
+
+def test_it_is_registered_once() -> None:
+    """Registering again (Gymnasium's plugin entry point does) changes nothing and does not warn."""
+    spec = gymnasium.registry["affmap/Vehicle-v0"]
+    affmap.env.register()
+    assert gymnasium.registry["affmap/Vehicle-v0"] is spec
+    assert spec.max_episode_steps == 200
+
+
+def test_make_truncates_after_exactly_200_steps_and_never_terminates() -> None:
+    """Issue 2; also when the goal is reached in every step."""
+    env = gymnasium.make("affmap/Vehicle-v0", goal_radius=5.0)
+    env.reset(seed=0)
+    for number in range(1, 201):
+        _, _, terminated, truncated, info = env.step(np.zeros(4, np.float32))
+        assert info["reached"] and not terminated
+        assert truncated == (number == 200)
+    env.close()
+
+
+def test_environments_in_a_vector_equal_each_alone() -> None:
+    """N separate runs: environment `i` of a vector gets the seed `seed + i`."""
+    envs = gymnasium.make_vec("affmap/Vehicle-v0", num_envs=3, vectorization_mode="sync")
+    batch = actions(30)[:, None].repeat(3, axis=1)
+    observations, _ = envs.reset(seed=11)
+    found = [(observations, np.zeros(3))]
+    for action in batch:
+        observations, rewards, *_ = envs.step(action)
+        found.append(({key: value.copy() for key, value in observations.items()}, rewards))
+    envs.close()
+    for number in range(3):
+        alone = rollout(VehicleEnv(), 30, seed=11 + number)
+        for (observations, rewards), (observation, reward, *_) in zip(found[1:], alone[1:], strict=True):
+            assert rewards[number] == reward
+            for key, value in observation.items():
+                np.testing.assert_array_equal(observations[key][number], value)
+
+
+def test_the_same_seed_gives_a_bit_equal_rollout_and_another_seed_another() -> None:
+    """In a world of fog, so that the noise counts too."""
+    layout = world((1.5, 1.0, 2.0, "fog"))
+    first = rollout(VehicleEnv(layout), 50, seed=3)
+    assert_bit_equal(first, rollout(VehicleEnv(layout), 50, seed=3))
+    with pytest.raises(AssertionError):
+        assert_bit_equal(first, rollout(VehicleEnv(layout), 50, seed=4))
+    env = VehicleEnv(layout)
+    rollout(env, 20, seed=3)
+    with pytest.raises(AssertionError, match="position"):
+        assert_bit_equal(first, rollout(env, 50, seed=None))
+
+
+def test_reset_in_the_middle_is_as_good_as_a_fresh_environment() -> None:
+    """Same alone: nothing of the last world is left, not even the order of Box2D's contacts."""
+    env = VehicleEnv()
+    for number in (7, 33, 50):
+        rollout(env, number, seed=number)
+    env.planned_positions = np.ones((2, 2))
+    assert_bit_equal(rollout(env, 50, seed=3), rollout(VehicleEnv(), 50, seed=3))
+    assert env.planned_positions is None
+
+
+def test_reward_is_minus_the_distance_of_the_true_position() -> None:
+    """Closed form, in fog; so the paper's mean distance is minus the mean reward."""
+    for layout in (Layout.load("layout", "original"), world((1.5, 1.0, 2.0, "fog"))):
+        env = VehicleEnv(layout)
+        steps = rollout(env, 40, seed=5)[1:]
+        goal = env.goal
+        distances = [math.hypot(*(info["position"] - goal)) for *_, info in steps]
+        np.testing.assert_allclose([reward for _, reward, *_ in steps], np.negative(distances), rtol=1e-12)
+        np.testing.assert_allclose(-np.mean([reward for _, reward, *_ in steps]), np.mean(distances), rtol=1e-12)
+        assert all(type(reward) is float for _, reward, *_ in steps)
+
+
+@quick
+@given(seeds, st.sampled_from([None, 0, 1, 2, 3]))
+def test_a_run_starts_in_a_corner_s_square_and_ends_in_the_opposite_one(seed: int, corner: int | None) -> None:
+    """Against the squares written out: 0.2 u wide, 0.1 u from the borders, left or right, below or above."""
+    env = VehicleEnv()
+    observation, info = env.reset(seed=seed, options=None if corner is None else {"corner": corner})
+    start, goal = info["position"], observation["goal"]
+    lows = [(0.1, 0.1), (2.7, 0.1), (0.1, 1.7), (2.7, 1.7)]
+    inside = [((start >= np.array(low) - 1e-6) & (start <= np.array(low) + 0.2 + 1e-6)).all() for low in lows]
+    assert sum(inside) == 1
+    number = inside.index(True)
+    assert corner in (None, number)
+    assert ((goal >= np.array(lows[3 - number]) - 1e-6) & (goal <= np.array(lows[3 - number]) + 0.2 + 1e-6)).all()
+    np.testing.assert_array_equal(goal, env.goal.astype(np.float32))
+
+
+def test_all_corners_occur_and_squares_are_filled() -> None:
+    """Statistics of 400 fixed seeds: uniform over four corners and over each square."""
+    env = VehicleEnv()
+    starts = np.stack([env.reset(seed=seed)[1]["position"] for seed in range(400)])
+    right, upper = starts[:, 0] > 1.5, starts[:, 1] > 1.0
+    counts = np.bincount(right + 2 * upper, minlength=4)
+    assert counts.min() > 70  # expected 100, standard deviation 8.7
+    in_square = starts - np.stack([np.where(right, 2.7, 0.1), np.where(upper, 1.7, 0.1)], axis=1)
+    for axis in (0, 1):
+        assert np.histogram(in_square[:, axis], 4, (0, 0.2))[0].min() > 70
+
+
+def test_options_place_vehicle_and_goal() -> None:
+    env = VehicleEnv()
+    observation, info = env.reset(seed=0, options={"position": [1.0, 1.0], "goal": [2.5, 0.75]})
+    np.testing.assert_allclose(info["position"], [1.0, 1.0])
+    np.testing.assert_array_equal(observation["position"], [1.0, 1.0])
+    np.testing.assert_array_equal(observation["goal"], [2.5, 0.75])
+    np.testing.assert_array_equal(observation["delta"], [0.0, 0.0])
+
+
+def test_an_option_does_not_change_the_other_draws() -> None:
+    """Same alone: with the position given, the goal is the one drawn without it."""
+    env = VehicleEnv()
+    plain = env.reset(seed=8, options={"corner": 1})[0]["goal"]
+    np.testing.assert_array_equal(env.reset(seed=8, options={"corner": 1, "position": [1, 1]})[0]["goal"], plain)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"corner": 4}, "corner = 4 is not one of 0, 1, 2, 3"),
+        ({"corner": -1}, "corner = -1 is not one of 0, 1, 2, 3"),
+        ({"corner": "left"}, "corner = 'left' is not one of 0, 1, 2, 3"),
+        ({"start": [1, 1]}, r"options \['start'\] are unknown; give corner, or position and goal"),
+        ({"position": [0.75, 0.5]}, r"position = \[0.75, 0.5\] is not free"),
+        ({"position": [0.01, 1.0]}, r"position = \[0.01, 1.0\] is not free"),
+        ({"position": [math.nan, 1.0]}, r"position = \[nan, 1.0\] is not a point of the arena"),
+        ({"position": [1.0]}, r"position = \[1.0\] is not a point of the arena"),
+        ({"position": [1.0, 1.0, 1.0]}, r"position = \[1.0, 1.0, 1.0\] is not a point of the arena"),
+        ({"goal": [3.5, 1.0]}, r"goal = \[3.5, 1.0\] is not a point of the arena \[3.0, 2.0\]"),
+        ({"goal": [1.0, math.nan]}, r"goal = \[1.0, nan\] is not a point of the arena"),
+        ({"goal": 1.0}, r"goal = 1.0 is not a point of the arena"),
+    ],
+)
+def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        VehicleEnv().reset(seed=0, options=options)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"render_mode": "ansi"}, r"render_mode = 'ansi' is not one of \['rgb_array', 'human'\]"),
+        ({"goal_radius": 0.0}, "goal_radius = 0.0 is not allowed: it should be greater than 0"),
+        ({"goal_radius": math.nan}, "goal_radius = nan is not allowed"),
+        ({"layout": "moon"}, r"conf/layout/moon.yaml does not exist; conf/layout holds: .*original"),
+        ({"vehicle": "moon"}, r"conf/vehicle/moon.yaml does not exist; conf/vehicle holds: .*default"),
+        ({"layout": world((0.2, 0.2, 0.1, "obstacle"))}, r"circles\[0\] .* blocks the start corner"),
+    ],
+)
+def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        VehicleEnv(**arguments)
+    assert issubclass(ConfigError, ValueError)
+
+
+BAD_ACTIONS = [[math.nan, 0, 0, 0], [-0.1, 0, 0, 0], [0, 0, 0, 1.1], [0, 0, 0], [[0, 0, 0, 0]], [0, 0, 0, math.inf]]
+
+
+@pytest.mark.parametrize("bad", BAD_ACTIONS, ids=str)
+def test_a_bad_action_is_refused_and_nothing_is_lost(bad: list[float]) -> None:
+    """Same as the run, and the picture, without it."""
+    layout = world((1.5, 1.0, 2.0, "fog"))
+    env, reference = (VehicleEnv(layout, render_mode="rgb_array") for _ in range(2))
+    rollout(env, 5, seed=1)
+    rollout(reference, 5, seed=1)
+    with pytest.raises(ValueError, match="is not allowed: give four numbers in"):
+        env.step(np.array(bad))
+    np.testing.assert_array_equal(env.render(), reference.render())
+    assert_bit_equal([env.step(action) for action in actions(9)], [reference.step(action) for action in actions(9)])
+
+
+def test_an_action_changed_afterwards_is_not_changed_in_the_environment() -> None:
+    """The picture shows the action that was taken, also when the caller reuses its array."""
+    env = VehicleEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    action = np.ones(4)
+    env.step(action)
+    before = env.render()
+    action[:] = 0
+    np.testing.assert_array_equal(env.render(), before)
+
+
+def test_delta_is_the_difference_of_reported_positions() -> None:
+    """From step to step, in and out of fog."""
+    steps = rollout(VehicleEnv(world((0.4, 0.4, 0.4, "fog"))), 60, seed=0, position=[0.3, 0.3])
+    positions = np.stack([observation["position"] for observation, *_ in steps]).astype(float)
+    deltas = np.stack([observation["delta"] for observation, *_ in steps])
+    np.testing.assert_allclose(deltas[1:], np.diff(positions, axis=0), atol=1e-6)
+    np.testing.assert_array_equal(deltas[0], 0)
+
+
+def test_without_fog_the_reported_position_is_the_true_one() -> None:
+    for observation, *_, info in rollout(VehicleEnv(), 60, seed=0):
+        np.testing.assert_array_equal(observation["position"], info["position"].astype(np.float32))
+        assert not info["in_fog"]
+
+
+def test_noise_is_where_the_fog_is() -> None:
+    """Geometry: reported and true position differ when and only when the disc overlaps the fog, from reset on."""
+    center, radius = np.array([1.5, 1.0]), 0.4
+    env = VehicleEnv(world((*center, radius, "fog")))
+    seen = set()
+    for x in (0.5, 1.5):
+        observation, info = env.reset(seed=0, options={"position": [x, 1.0]})
+        for number in range(25):
+            overlaps = math.hypot(*(info["position"] - center)) < radius + 0.06
+            differs = bool((observation["position"] != info["position"].astype(np.float32)).any())
+            assert overlaps == differs == info["in_fog"], (x, number, info["position"])
+            seen.add(overlaps)
+            observation, *_, info = env.step(np.array([1.0, 0, 0, 1]))
+    assert seen == {True, False}
+
+
+def test_noise_is_standard_normal_and_doubles_its_variance_in_deltas() -> None:
+    """Section 4.1: standard deviation 1 on each coordinate, sqrt(2) on the difference of two steps (fixed seeds)."""
+    env = VehicleEnv(world((1.5, 1.0, 2.0, "fog")))
+    noise, deltas = [], []
+    for seed in range(20):
+        steps = rollout(env, 200, seed=seed)
+        true = np.stack([info["position"] for *_, info in steps])
+        noise.append(np.stack([observation["position"] for observation, *_ in steps]) - true)
+        deltas.append(np.stack([observation["delta"] for observation, *_ in steps])[1:] - np.diff(true, axis=0))
+    flat, flat_deltas = np.concatenate(noise), np.concatenate(deltas)  # 4020 and 4000 samples
+    np.testing.assert_allclose(flat.std(axis=0), 1, atol=0.04)
+    np.testing.assert_allclose(flat.mean(axis=0), 0, atol=0.06)
+    assert abs(np.corrcoef(flat.T)[0, 1]) < 0.05
+    np.testing.assert_allclose(np.quantile(flat, [0.1587, 0.8413]), [-1, 1], atol=0.06)
+    np.testing.assert_allclose(flat_deltas.std(axis=0), math.sqrt(2), atol=0.06)
+    following = [np.corrcoef(run[1:, axis], run[:-1, axis])[0, 1] for run in deltas for axis in (0, 1)]
+    assert np.mean(following) == pytest.approx(-0.5, abs=0.03)  # of differences of independent numbers
+
+
+@pytest.mark.parametrize("layout", ["original", world((0.4, 0.4, 0.4, "fog"))])
+def test_view_is_the_probe_at_the_true_position(layout: Layout | str) -> None:
+    """Against `view`, the look-up's function; also where the reported position is elsewhere."""
+    env = VehicleEnv(layout)
+    pictures = set()
+    for observation, *_, info in rollout(env, 60, seed=2, position=[0.3, 0.3]):
+        expected = view(env.layout.map, info["position"])
+        np.testing.assert_array_equal(observation["view"], expected)
+        np.testing.assert_array_equal(env.probe(info["position"]), expected)
+        assert observation["view"].dtype == np.int8
+        pictures.add(expected.tobytes())
+    assert len(pictures) > 3
+
+
+def test_probe_takes_lists_integers_and_any_shape() -> None:
+    """Each alone."""
+    env = VehicleEnv()
+    batch = env.probe([[[0, 0], [1, 1]], [[3, 2], [9, 9]]])  # type: ignore[arg-type]
+    assert batch.shape == (2, 2, 1, 11, 11)
+    np.testing.assert_array_equal(batch[1, 0], env.probe(np.array([3.0, 2.0])))
+    assert batch[1, 1].all() and batch[0, 0].any() and not batch[0, 0].all()
+
+
+def test_info_tells_contact_and_arrival() -> None:
+    """Geometry: touching within rounding of the wall; reached when nearer than `goal_radius`."""
+    env = VehicleEnv(goal_radius=0.25)
+    env.reset(seed=0, options={"position": [2.0, 1.0], "goal": [2.5, 1.0]})
+    seen = set()
+    for _ in range(30):
+        *_, info = env.step(np.array([1.0, 0, 0, 1]))
+        assert info["reached"] == (math.hypot(*(info["position"] - [2.5, 1.0])) < 0.25)
+        assert info["touching"] == (info["position"][0] > 2.94)
+        assert type(info["reached"]) is type(info["touching"]) is type(info["in_fog"]) is bool
+        seen.add((info["reached"], info["touching"]))
+    assert seen == {(False, False), (True, False), (False, True)}
+
+
+def test_a_step_before_reset_asks_for_reset() -> None:
+    env = VehicleEnv(render_mode="rgb_array")
+    for call in (lambda: env.step(np.zeros(4)), env.render):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+            call()
+
+
+def test_closing_twice_is_fine() -> None:
+    env = VehicleEnv(render_mode="rgb_array")
+    env.close()
+    env.reset(seed=0)
+    picture = env.render()
+    env.close()
+    env.close()
+    np.testing.assert_array_equal(env.render(), picture)
