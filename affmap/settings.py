@@ -5,13 +5,14 @@ defaults, so that a value stands in exactly one place, in `conf/`. It knows noth
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
 
 
 class ConfigError(ValueError):
@@ -33,8 +34,13 @@ class Settings(BaseModel):
         return cls.checked({**read(group, name), **changes}, origin=f"conf/{group}/{name}.yaml")
 
     @classmethod
-    def checked(cls, values: Mapping[str, Any], origin: str) -> Self:
-        """Settings from plain values; `origin` says in an error where they came from.
+    def checked(cls, values: Mapping[str, Any], origin: str, origins: Mapping[str, str] | None = None) -> Self:
+        """Settings from plain values.
+
+        Args:
+            values: the settings' keys and values.
+            origin: where the values come from, named in an error.
+            origins: the same for single keys that come from elsewhere.
 
         Raises:
             ConfigError: one sentence for each value that is not allowed.
@@ -42,24 +48,38 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(values)
         except ValidationError as error:
-            raise ConfigError("\n".join(f"{origin}: {sentence}" for sentence in sentences(error))) from None
+            found = [
+                f"{(origins or {}).get(str(item['loc'][0]) if item['loc'] else '', origin)}: {sentence(item, values)}"
+                for item in error.errors(include_url=False)
+            ]
+            raise ConfigError("\n".join(found)) from None
 
 
-def sentences(error: ValidationError) -> list[str]:
-    """One sentence for each thing wrong: key = value, what is wrong, what would be right."""
-    found = []
-    for item in error.errors(include_url=False):
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
-        if item["type"] == "missing":
-            found.append(f"{key} is missing; add the key.")
-        elif item["type"] == "extra_forbidden":
-            found.append(f"{key} = {item['input']!r} is not a known key; remove it or correct its spelling.")
-        elif item["type"] == "value_error" and not key:
-            found.append(item["msg"].removeprefix("Value error, "))
-        else:
-            wanted = re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
-            found.append(f"{key} = {item['input']!r} is not allowed: it {wanted}.")
-    return found
+def sentence(item: ErrorDetails, values: Mapping[str, Any]) -> str:
+    """What is wrong with a value, in a sentence: key = value, what is wrong, what would be right."""
+    key = _key(item["loc"], values)
+    problem = item["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if item["type"] == "missing":
+        return f"{key} is missing; add the key."
+    if item["type"] == "extra_forbidden":
+        return f"{key} = {item['input']!r} is not a known key; remove it or correct its spelling."
+    if item["type"] == "value_error":  # one of our own checks, which names keys and values itself
+        return f"{key}: {problem}" if key else problem
+    return f"{key} = {item['input']!r} is not allowed: it {problem}."
+
+
+def _key(location: Sequence[int | str], values: Any) -> str:
+    """The dotted key of a place in `values`."""
+    key = ""
+    for part in location:
+        if isinstance(values, Mapping) and part not in values and values.get("kind") == part:
+            continue  # pydantic also names the alternative that it chose by `kind`
+        key += f"[{part}]" if isinstance(part, int) else f".{part}"
+        try:
+            values = values[part]
+        except (KeyError, IndexError, TypeError):
+            values = None
+    return key.lstrip(".")
 
 
 def folder() -> Path:

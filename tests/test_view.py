@@ -30,7 +30,7 @@ points = st.tuples(numbers(-1, 5), numbers(-1, 5))
 
 
 def rasterise(world: Map, position: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """The picture, one pixel at a time, `[K, 11, 11]`; and which pixels lie so near to an edge that rounding decides."""
+    """The picture, one pixel at a time, `[K, 11, 11]`; and which pixels lie so near an edge that rounding decides."""
     picture = np.zeros((world.num_channels, 11, 11), bool)
     unsure = np.zeros_like(picture)
     for row in range(11):
@@ -80,11 +80,11 @@ def test_mirroring_world_and_position_mirrors_the_view(
     """Symmetry of the square and the circle; the middle pixel lies exactly at the position."""
     x, y = position
     plain = view(Map((3.0, 2.0), 2, 0, tuple(circles)), np.array([x, y]))
-    left_right = Map((3.0, 2.0), 2, 0, tuple((3 - cx, cy, *rest) for cx, cy, *rest in circles))
+    left_right = Map((3.0, 2.0), 2, 0, tuple((3 - cx, cy, radius, k) for cx, cy, radius, k in circles))
     np.testing.assert_array_equal(view(left_right, np.array([3 - x, y])), plain[:, :, ::-1])
-    up_down = Map((3.0, 2.0), 2, 0, tuple((cx, 2 - cy, *rest) for cx, cy, *rest in circles))
+    up_down = Map((3.0, 2.0), 2, 0, tuple((cx, 2 - cy, radius, k) for cx, cy, radius, k in circles))
     np.testing.assert_array_equal(view(up_down, np.array([x, 2 - y])), plain[:, ::-1, :])
-    swapped = Map((2.0, 3.0), 2, 0, tuple((cy, cx, *rest) for cx, cy, *rest in circles))
+    swapped = Map((2.0, 3.0), 2, 0, tuple((cy, cx, radius, k) for cx, cy, radius, k in circles))
     np.testing.assert_array_equal(view(swapped, np.array([y, x])), plain.transpose(0, 2, 1))
 
 

@@ -37,7 +37,7 @@ class ControlSettings(Settings):
     """Distance to the goal below which it is near, u."""
     goal_radius: PositiveFloat
     """Distance to the goal below which it is reached, u."""
-    device: str = Field(pattern=r"^(cpu|cuda(:\d+)?)$")
+    device: str = Field(pattern=r"^(cpu|cuda(:\d+)?)$", exclude=True)
     """Where to plan: cpu or cuda."""
 
 

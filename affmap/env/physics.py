@@ -6,10 +6,11 @@ one, because a Box2D world that bodies were removed from is not the world it was
 
 import math
 from collections import Counter
+from typing import Self
 
 import Box2D
 import numpy as np
-from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
 from affmap.env.layout import Layout
 from affmap.settings import Settings
@@ -42,13 +43,23 @@ class Vehicle(Settings):
     position_iterations: PositiveInt
     """Box2D's solver iterations for positions, a step."""
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for key in ("damping", "contact_damping"):
+            if getattr(self, key) * self.time_step_s >= 1:
+                raise ValueError(
+                    f"{key} = {getattr(self, key)} would stop the vehicle for good; "
+                    f"it must be below 1 / time_step_s = {1 / self.time_step_s:g}."
+                )
+        return self
+
     @property
     def top_speed(self) -> float:
         """Speed at which damping balances two neighbouring throttles fully open, u per step."""
         if self.damping == 0:
             return math.inf
         # In a step Box2D adds the thrust, then scales by 1 - damping * time step.
-        kept = max(0.0, 1 - self.damping * self.time_step_s)
+        kept = 1 - self.damping * self.time_step_s
         return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * kept
 
 

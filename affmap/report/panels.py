@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, to_hex
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from affmap.report import maps, statistics
 from affmap.report.tables import PLANNERS, Exploration, Floats, Maps, Trajectories, World, score_matrix
@@ -48,6 +49,7 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: tuple[float, floa
         ax.plot(mean.index, mean, color=color, label=f"{context_size}", lw=1.4, marker="." if len(mean) < 10 else "")
         ax.fill_between(mean.index, mean - deviation, mean + deviation, color=color, alpha=0.18, lw=0)
     ax.set(xlabel="epoch", ylabel=LABELS["validation_nll"])
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     return _legend_above(ax)
 
 
@@ -195,7 +197,7 @@ def _mark(ax: Axes, paper: tuple[float, float] | None) -> None:
 
 def _legend_above(ax: Axes) -> Axes:
     """Put the legend to the right of the title, where no data can be."""
-    style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 1.2, "handletextpad": 0.4, "columnspacing": 1.0}
+    style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 0.9, "handletextpad": 0.4, "columnspacing": 0.7}
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, **style)
     return ax
 

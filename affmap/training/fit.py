@@ -3,6 +3,8 @@
 Everything goes into one folder; called again with the folder of an interrupted training, it goes on from there.
 """
 
+import logging
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +15,8 @@ from safetensors.torch import load_file, save_file
 
 from affmap.data.module import DataModule
 from affmap.model.stack import Stack
-from affmap.training.module import TrainingModule, TrainingSettings
+from affmap.training.module import TrainingModule
+from affmap.training.settings import TrainingSettings
 
 WEIGHTS = "weights.safetensors"
 VALIDATION = "validation.csv"
@@ -45,6 +48,9 @@ def fit(
     A checkpoint after each epoch (`last.ckpt`, removed at the end) is what an interrupted training resumes from, with
     the result that it would have had. `on_epoch` is called with the number of epochs done.
     """
+    # Lightning greets, advises and says good-bye; and it warns of its own use of a renamed class of PyTorch.
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", message=".*LeafSpec.* is deprecated")
     module = TrainingModule(stack, settings)
     checkpoint = folder / "last.ckpt"
     trainer = lightning.Trainer(

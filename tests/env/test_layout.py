@@ -143,13 +143,12 @@ def layouts(draw: st.DrawFn) -> Layout:
 
 
 @quick
-@given(layouts(), st.lists(st.tuples(st.floats(-1, 5), st.floats(-1, 5)), min_size=1, max_size=8), st.floats(0.01, 0.5))
-def test_is_free_equals_distances_computed_one_by_one(
-    layout: Layout, positions: list[tuple[float, float]], radius: float
-) -> None:
-    """Plain loops; places within rounding of touching are left out."""
-    found = layout.is_free(np.array(positions), radius)
-    assert found.shape == (len(positions),)
+@given(layouts(), st.integers(0, 2**32 - 1), st.floats(0.01, 0.3))
+def test_is_free_equals_distances_computed_one_by_one(layout: Layout, seed: int, radius: float) -> None:
+    """Plain loops over 200 places in and around the arena; those within rounding of touching are left out."""
+    positions = np.random.default_rng(seed).uniform(-0.1, 1.1, (200, 2)) * layout.size
+    found = layout.is_free(positions, radius)
+    assert found.shape == (200,)
     for (x, y), free in zip(positions, found, strict=True):
         gaps = [x - radius, y - radius, layout.size[0] - radius - x, layout.size[1] - radius - y]
         for one in layout.circles:

@@ -18,7 +18,7 @@ from affmap.env.physics import THROTTLES, Physics, Vehicle
 VEHICLE = Vehicle.load("vehicle", "default")
 REST, RIGHT, UP = np.zeros(4), np.array([1.0, 0, 0, 1]), np.array([1.0, 1, 0, 0])
 SLOP = 0.005
-"""u, the overlap that Box2D leaves between bodies that press on each other; a fast impact may reach three times that."""
+"""u, the overlap that Box2D leaves between bodies that press on each other; an impact may reach three times that."""
 
 quick = settings(max_examples=40, deadline=None, derandomize=True)
 
@@ -240,7 +240,7 @@ def test_pressing_on_borders_stays_within_the_slop(corner: tuple[float, float]) 
 @quick
 @given(seeds)
 def test_solid_things_are_never_entered(seed: int) -> None:
-    """Geometry: the overlap stays below four slops (Box2D corrects an impact down to three at once) and is left soon."""
+    """Geometry: the overlap stays below four slops (Box2D corrects an impact down to three at once)."""
     layout = Layout.load("layout", "original")
     generator = np.random.default_rng(seed)
     start = next(p for p in generator.uniform([0, 0], [3, 2], (100, 2)) if layout.is_free(p, VEHICLE.radius))
@@ -261,7 +261,7 @@ def test_a_small_obstacle_is_not_tunnelled_through() -> None:
 
 @pytest.mark.parametrize(("start", "along"), [((2.941, 0.3), 1), ((0.3, 1.941), 0)])
 def test_contact_damping_acts_along_a_border(start: tuple[float, float], along: int) -> None:
-    """Closed form: sliding along the border, the recursion runs with the damping of contact; across it there is rest."""
+    """Closed form: sliding along the border, the recursion has the damping of contact; across it there is rest."""
     physics = Physics(world(), VEHICLE, np.array(start))
     velocity = np.zeros(2)
     assert physics.touching

@@ -1,7 +1,7 @@
 """Synthetic stage folders in the formats that the stages write, small, seeded, and with known structure."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,22 @@ NUM_RUNS = 4
 HORIZON = 20
 
 
+WriteStages = Callable[..., list[Job]]
+
+
+@pytest.fixture(scope="session")
+def write_stages() -> WriteStages:
+    """Write every stage of a sweep; see `_write_stages` for the arguments."""
+    return _write_stages
+
+
 @pytest.fixture
 def world() -> World:
     """The world of Experiment I."""
     return World("original", (3.0, 2.0), tuple(Circle(x, y, 0.2, "obstacle") for x, y in CENTERS), 0.1, 0.2)
 
 
-def write_stages(
+def _write_stages(
     root: Path,
     context_sizes: Sequence[int] = (0, 1, 8),
     planners: Sequence[str] = ("cem", "gradient"),

@@ -1,0 +1,120 @@
+"""The whole configuration with its types, and the stages that follow from it.
+
+A stage's configuration is the part of the whole that its result depends on, and nothing else: where two experiments
+agree on it, they share the result. `Settings` fields with `exclude=True` say how, not what, and do not count.
+"""
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+
+from affmap.control.agent import ControlSettings
+from affmap.data.collect import Exploration
+from affmap.env.layout import Layout
+from affmap.env.physics import Vehicle
+from affmap.model.lookup import LookupSettings
+from affmap.model.stack import ModelSettings
+from affmap.planning.cem import CEMPlanner
+from affmap.planning.gradient import GradientPlanner
+from affmap.settings import Settings
+from affmap.store import Stage, Store
+from affmap.training.settings import TrainingSettings
+
+
+class ReportSettings(Settings):
+    """What reports draw (`conf/report`)."""
+
+    map_spacing: PositiveFloat
+    """Distance between the nodes of the affordance maps that are drawn and examined, u."""
+
+
+class Config(Settings):
+    """`conf/config.yaml` and the groups it is made of; one job of a sweep."""
+
+    name: str
+    """Name of the experiment."""
+    title: str
+    seed: NonNegativeInt
+    """Seed of the first member; member m has seed + m."""
+    members: PositiveInt
+    """M, members of the stack."""
+    threads: PositiveInt
+    """Threads of a job."""
+    models: Literal["train", "reference"]
+    """Train the models, or take those of the reference run."""
+    notice: str | None
+    """What must stand on every figure; None for results."""
+    output: Path
+    """Folder of the report."""
+    store: Path
+    """Folder of the stages."""
+    reference: Path
+    """Folder of the reference run's stages."""
+    sweep: Mapping[str, str]
+    """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
+    layout: Layout
+    vehicle: Vehicle
+    data: Exploration
+    model: ModelSettings
+    training: TrainingSettings
+    lookup: LookupSettings
+    planner: Annotated[CEMPlanner | GradientPlanner, Field(discriminator="kind")]
+    control: ControlSettings
+    report: ReportSettings
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        self.layout.check_corners(self.vehicle.radius)
+        if self.lookup.differentiable and self.lookup.kind == "exact":
+            raise ValueError("lookup.differentiable = True does not go with lookup.kind = 'exact'; take kind = 'map'.")
+        return self
+
+    @property
+    def seeds(self) -> range:
+        """The members' own seeds, M of them."""
+        return range(self.seed, self.seed + self.members)
+
+    @cached_property
+    def data_stage(self) -> Stage:
+        """Exploration."""
+        return self._stage("data", "layout", "vehicle", "data")
+
+    @cached_property
+    def train_stage(self) -> Stage:
+        """Training of the stack."""
+        return self._stage("train", *self.data_stage.config, "model", "training", "seed", "members")
+
+    @cached_property
+    def map_stage(self) -> Stage:
+        """Affordance maps of the members."""
+        return self._stage("map", *self.train_stage.config, "models", "report")
+
+    @cached_property
+    def control_stage(self) -> Stage:
+        """Goal-directed runs."""
+        return self._stage("control", *self.train_stage.config, "models", "lookup", "planner", "control")
+
+    def _stage(self, stage: str, *keys: str) -> Stage:
+        return Stage(stage, self.model_dump(mode="json", include=set(keys)))
+
+    def open_store(self) -> Store:
+        """Where this job's stages are."""
+        return Store(self.store, [self.reference] if self.models == "reference" else [])
+
+
+def label(config: Config) -> str:
+    """What tells a job from the others of its sweep."""
+    return f"context size {config.model.context_size}, {config.planner.kind}"
+
+
+def plain(config: Any) -> dict[str, Any]:
+    """The values of a composed Hydra configuration, without Hydra's own."""
+    from omegaconf import OmegaConf
+
+    own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
+    values = OmegaConf.to_container(own, resolve=True)
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}

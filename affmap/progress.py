@@ -1,0 +1,50 @@
+"""How far long work is: a bar in a terminal, plain lines elsewhere (leaf)."""
+
+import logging
+import multiprocessing
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+log = logging.getLogger("affmap")
+
+SECONDS_BETWEEN_LINES = 15
+
+
+@contextmanager
+def track(description: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+    """Show the progress of `description`; yields a function to call with the number of `unit`s done of `total`."""
+    # Workers of a parallel sweep share the terminal: their bars would overwrite each other.
+    alone = multiprocessing.current_process().name == "MainProcess"
+    with _bar(description, total, unit) if alone and sys.stdout.isatty() else _lines(description, total, unit) as update:
+        yield update
+
+
+@contextmanager
+def _bar(description: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+    columns = TextColumn(description), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn()
+    with Progress(*columns) as progress:
+        task = progress.add_task(description, total=total)
+        yield lambda finished: progress.update(task, completed=finished)
+
+
+@contextmanager
+def _lines(description: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
+    last = time.monotonic()
+    first: tuple[int, float] | None = None
+
+    def update(finished: int) -> None:
+        nonlocal last, first
+        now = time.monotonic()
+        if first is None:  # a resumed training does not begin at zero
+            first = finished, now
+        elif now - last > SECONDS_BETWEEN_LINES and finished < total:
+            left = round((now - first[1]) / (finished - first[0]) * (total - finished))
+            log.info("%s: %d of %d %s, about %d:%02d min left", description, finished, total, unit, *divmod(left, 60))
+            last = now
+
+    log.info("%s: %d %s", description, total, unit)
+    yield update

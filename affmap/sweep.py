@@ -1,0 +1,54 @@
+"""From a command line to the jobs it stands for, without running them: composing and expanding, as Hydra does.
+
+An experiment names its sweep under `sweep`; a key that the command line sets is not swept over. Knows configuration
+only.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from affmap.config import Config, plain
+from affmap.settings import ConfigError, folder
+
+
+def complete(overrides: Sequence[str]) -> list[str]:
+    """The command line with the experiment's sweep written out, in the experiment's order.
+
+    Raises:
+        ConfigError: several experiments at once.
+    """
+    parsed = {override.get_key_element(): override for override in OverridesParser.create().parse_overrides([*overrides])}
+    if "experiment" in parsed and parsed["experiment"].is_sweep_override():
+        raise ConfigError("experiment takes one name at a time; run several experiments one after the other.")
+    single = [override.input_line for override in parsed.values() if not override.is_sweep_override()]
+    sweep = plain(_compose(single))["sweep"]
+    given = {key: override.input_line for key, override in parsed.items()}
+    # In the experiment's order, so that jobs that share a model are not started at the same time.
+    swept = [given.get(key, f"{key}={values}") for key, values in sweep.items()]
+    return [line for key, line in given.items() if key not in sweep] + swept
+
+
+def jobs(overrides: Sequence[str]) -> list[Config]:
+    """The configuration of each job of a command line whose sweep is written out.
+
+    Raises:
+        ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right.
+    """
+    parsed = OverridesParser.create().parse_overrides([*overrides])
+    return [_check(job) for job in BasicSweeper.split_arguments(parsed, max_batch_size=None)[0]]
+
+
+def _check(overrides: Sequence[str]) -> Config:
+    composed = _compose(overrides)
+    choices = composed.hydra.runtime.choices
+    origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
+    return Config.checked(plain(composed), "conf/config.yaml or the command line", origins)
+
+
+def _compose(overrides: Sequence[str]) -> Any:
+    with initialize_config_dir(str(folder()), version_base="1.3"):
+        return compose("config", [*overrides], return_hydra_config=True)
