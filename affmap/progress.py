@@ -19,7 +19,9 @@ def track(description: str, total: int, unit: str) -> Iterator[Callable[[int], N
     """Show the progress of `description`; yields a function to call with the number of `unit`s done of `total`."""
     # Workers of a parallel sweep share the terminal: their bars would overwrite each other.
     alone = multiprocessing.current_process().name == "MainProcess"
-    with _bar(description, total, unit) if alone and sys.stdout.isatty() else _lines(description, total, unit) as update:
+    with (
+        _bar(description, total, unit) if alone and sys.stdout.isatty() else _lines(description, total, unit) as update
+    ):
         yield update
 
 

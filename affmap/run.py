@@ -9,7 +9,6 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import hydra
 import numpy as np
@@ -90,7 +89,7 @@ def _control(config: Config, train: Path, folder: Path) -> None:
     num_runs = config.members * config.control.runs_per_member
     with track(f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps") as update:
         runs = control(agent, config.seeds, config.layout, config.vehicle, config.control, update)
-    setting = {
+    setting: dict[str, str | int] = {
         "experiment": config.name,
         "layout": config.layout.name,
         "planner": config.planner.kind,
@@ -205,10 +204,10 @@ def _publish(_: list[str], configs: list[Config]) -> None:
     (kept / "figures").mkdir()
     for figure in (first.output / "figures").glob("*.png"):
         shutil.copy(figure, kept / "figures")
-    for folder in {job.train for job in jobs}:
-        target = first.reference / "train" / folder.name
+    for trained in {job.train for job in jobs}:
+        target = first.reference / "train" / trained.name
         target.mkdir(parents=True, exist_ok=True)
         for name in ("weights.safetensors", "validation.csv", PROVENANCE):
-            if folder != target:
-                shutil.copy(folder / name, target)
+            if trained != target:
+                shutil.copy(trained / name, target)
     print(f"Kept in {kept} and {first.reference}")

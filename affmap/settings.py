@@ -58,13 +58,13 @@ class Settings(BaseModel):
 def sentence(item: ErrorDetails, values: Mapping[str, Any]) -> str:
     """What is wrong with a value, in a sentence: key = value, what is wrong, what would be right."""
     key = _key(item["loc"], values)
-    problem = item["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    problem = re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
         return f"{key} = {item['input']!r} is not a known key; remove it or correct its spelling."
-    if item["type"] == "value_error":  # one of our own checks, which names keys and values itself
-        return f"{key}: {problem}" if key else problem
+    if item["type"] == "value_error" and isinstance(item["input"], Mapping):
+        return f"{key}: {problem}" if key else problem  # a check of several keys names them and their values itself
     return f"{key} = {item['input']!r} is not allowed: it {problem}."
 
 

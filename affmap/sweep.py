@@ -21,12 +21,14 @@ def complete(overrides: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: several experiments at once.
     """
-    parsed = {override.get_key_element(): override for override in OverridesParser.create().parse_overrides([*overrides])}
+    parsed = {
+        override.get_key_element(): override for override in OverridesParser.create().parse_overrides([*overrides])
+    }
     if "experiment" in parsed and parsed["experiment"].is_sweep_override():
         raise ConfigError("experiment takes one name at a time; run several experiments one after the other.")
-    single = [override.input_line for override in parsed.values() if not override.is_sweep_override()]
+    single = [str(override.input_line) for override in parsed.values() if not override.is_sweep_override()]
     sweep = plain(_compose(single))["sweep"]
-    given = {key: override.input_line for key, override in parsed.items()}
+    given = {key: str(override.input_line) for key, override in parsed.items()}
     # In the experiment's order, so that jobs that share a model are not started at the same time.
     swept = [given.get(key, f"{key}={values}") for key, values in sweep.items()]
     return [line for key, line in given.items() if key not in sweep] + swept

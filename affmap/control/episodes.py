@@ -24,7 +24,8 @@ class Runs(NamedTuple):
     """One row a run; columns as `summarise` explains."""
     trajectories: dict[str, np.ndarray]
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
-    `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member`, `run [B]`."""
+    `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member [B]`,
+    `run [B]`."""
 
 
 def control(
@@ -106,7 +107,7 @@ def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
     """
     position, goal, reached = trajectories["position"], trajectories["goal"], trajectories["reached"]
     distance = np.linalg.norm(position[:, 1:] - goal[:, None], axis=-1)
-    ever = reached.any(axis=1)
+    ever = np.asarray(reached.any(axis=1))
     return pd.DataFrame(
         {
             "member": trajectories["member"],

@@ -54,7 +54,7 @@ class Chunks(IterableDataset[Batch]):
         for sequences in self._order.split(self._batch_size):
             for start in range(0, data.action.shape[2], self._chunk_length):
                 cut = (slice(None), sequences, slice(start, start + self._chunk_length))
-                yield Batch(data.views[cut], data.delta[cut], data.action[cut], data.target[cut], start == 0)
+                yield Batch(data.views.select(cut), data.delta[cut], data.action[cut], data.target[cut], start == 0)
 
 
 class DataModule(lightning.LightningDataModule):

@@ -92,7 +92,7 @@ class Layout(Settings):
     def is_free(self, positions: np.ndarray, radius: float) -> np.ndarray:
         """Where a disc of `radius` (u) around each of `positions` `[..., 2]` meets nothing solid: `[...]`."""
         inside = (positions >= radius) & (positions <= np.array(self.size) - radius)
-        free = inside.all(-1)
+        free = np.asarray(inside.all(-1))
         for circle in self._obstacles:
             free &= np.linalg.norm(positions - np.array(circle.center), axis=-1) >= circle.radius + radius
         return free

@@ -77,7 +77,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.planned_positions: np.ndarray | None = None
         """`[H, 2]` in u, drawn by `render` when given."""
         self.action_space = spaces.Box(0.0, 1.0, (4,), np.float32)
-        self.observation_space = spaces.Dict(
+        self.observation_space = spaces.Dict(  # type: ignore[assignment]  # typed as a Dict of anything
             {
                 "position": spaces.Box(-np.inf, np.inf, (2,), np.float32),
                 "delta": spaces.Box(-np.inf, np.inf, (2,), np.float32),

@@ -33,4 +33,3 @@ class StackedLinear(nn.Module):
         flat = inputs.flatten(1, -2)
         outputs = flat @ self.weight if self.bias is None else torch.baddbmm(self.bias[:, None], flat, self.weight)
         return outputs.view(*inputs.shape[:-1], -1)
-

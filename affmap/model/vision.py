@@ -35,12 +35,12 @@ def _placement() -> Tensor:
     return nn.functional.unfold(inputs, 3).permute(1, 0, 2).flatten(1)
 
 
-def _winners(convolved: Tensor, patch_index: Tensor) -> Tensor:
+def _winners(convolved: Tensor, patch_ids: Tensor) -> Tensor:
     """Which patch has the largest value in each window: rows of `convolved` `[V, F]`, as `[U, F]` int64.
 
     Comparing nine times is faster than `argmax` over an axis in the middle, or than the gradient of `maximum`.
     """
-    first, *others = patch_index.unbind(1)
+    first, *others = patch_ids.unbind(1)
     best, winner = convolved[first], first[:, None]
     for patch in others:
         value = convolved[patch]
@@ -74,21 +74,21 @@ class VisionModel(nn.Module):
         Returns:
             `[M, ..., C]`, each in (-1, 1).
         """
-        index = windows.index.flatten(1, -2)  # [M or 1, P, 16]
+        ids = windows.ids.flatten(1, -2)  # [M or 1, P, 16]
         table = self._window_features(windows)  # [U, M, q]
         num_members, channels = table.shape[1:]
-        if len(index) == 1:  # gather rows that hold all members' features: contiguous
-            features = table.flatten(1)[index[0]].unflatten(-1, (num_members, channels)).permute(2, 0, 1, 3)
+        if len(ids) == 1:  # gather rows that hold all members' features: contiguous
+            features = table.flatten(1)[ids[0]].unflatten(-1, (num_members, channels)).permute(2, 0, 1, 3)
         else:
-            members = torch.arange(num_members, device=index.device)
-            features = table[index, members[:, None, None]]  # [M, P, 16, q]
+            members = torch.arange(num_members, device=ids.device)
+            features = table[ids, members[:, None, None]]  # [M, P, 16, q]
         # On 4 x 4 inputs the second convolution is one product with a dense matrix [M, 16 q, 8 q].
         dense = (self.conv2_weight.flatten(-2) @ self.placement).unflatten(-1, (PER_SIDE**2, 4))
         dense = dense.permute(0, 3, 2, 1, 4).reshape(num_members, PER_SIDE**2 * channels, -1)
         bias = self.conv2_bias.repeat_interleave(4, dim=1)[:, None]
         hidden = torch.baddbmm(bias, features.reshape(num_members, -1, dense.shape[1]), dense).tanh()
         codes = self.linear2(self.linear1(hidden).tanh()).tanh()
-        return codes.unflatten(1, windows.index.shape[1:-1])
+        return codes.unflatten(1, windows.ids.shape[1:-1])
 
     def _window_features(self, windows: Windows) -> Tensor:
         """First convolution, pooling and tanh on each of the U distinct windows: `[U, M, q]`.
@@ -97,5 +97,5 @@ class VisionModel(nn.Module):
         """
         weight = self.conv1_weight.flatten(2).permute(2, 0, 1)  # [K * 9, M, q]
         convolved = windows.patches @ weight.flatten(1)  # [V, M * q]
-        pooled = convolved.gather(0, _winners(convolved.detach(), windows.patch_index))  # [U, M * q]
+        pooled = convolved.gather(0, _winners(convolved.detach(), windows.patch_ids))  # [U, M * q]
         return (pooled.unflatten(-1, weight.shape[1:]) + self.conv1_bias).tanh()

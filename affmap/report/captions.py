@@ -6,7 +6,7 @@ from affmap.report.claims import METRICS, Score
 from affmap.report.figures import EXAMPLE_RULE, choose_examples
 from affmap.report.statistics import Outcome, Verdict
 from affmap.report.tables import PLANNERS, Results
-from affmap.report.text import number
+from affmap.report.text import NOTHING, number
 
 _COUNTS = {
     Verdict.HOLDS: ("holds", "hold"),
@@ -19,7 +19,7 @@ _COUNTS = {
 def effect(outcome: Outcome, unit: str) -> str:
     """An effect with its interval and unit."""
     if outcome.effect is None:
-        return "–"
+        return NOTHING
     size = number(outcome.effect, sign=True)
     if outcome.low is None or outcome.high is None:
         return f"{size} {unit}"
@@ -66,9 +66,9 @@ def captions(results: Results, scores: Sequence[Score]) -> dict[str, str]:
             "uses fewer colours."
         ),
         "world": (
-            f"The world “{results.world.name}”, {results.world.size[0]:g} u × {results.world.size[1]:g} u: "
-            "obstacles (grey), borders (frame), the squares that starts and goals are drawn from (red, dashed), "
-            "and the vehicle to scale (green)."
+            f"The world “{results.world.name}”, {results.world.size[0]:g} u wide and {results.world.size[1]:g} u high: "
+            "obstacles (grey), borders (frame), the squares that starts and goals are drawn from (red, dashed), and "
+            "the vehicle to scale (green)."
         ),
         "exploration": (
             f"Where the training data have been: {int(results.exploration.counts.sum())} steps; "

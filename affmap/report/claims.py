@@ -89,7 +89,7 @@ def as_table(scores: Sequence[Score]) -> pd.DataFrame:
                     "note": outcome.note,
                 }
             )
-    return pd.DataFrame(rows).astype({column: float for column in ("effect", "low", "high", "p", "p_opposite")})
+    return pd.DataFrame(rows).astype(dict.fromkeys(("effect", "low", "high", "p", "p_opposite"), float))
 
 
 def medians(results: Results) -> pd.DataFrame:
@@ -146,9 +146,7 @@ def _lower_distance(runs: pd.DataFrame, better: str) -> Outcome:
     worse = next(planner for planner in PLANNERS if planner != better)
     if set(runs["planner"]) != {better, worse}:
         return statistics.undecided("Wilcoxon signed-rank", 0, "needs runs of both planners")
-    settings = runs.pivot_table(
-        index="member", columns=["planner", "context_size"], values="mean_distance", aggfunc="mean", dropna=False
-    )
+    settings = score_matrix(runs, "mean_distance", ["planner", "context_size"])
     first, second = (settings[planner].to_numpy(dtype=float).mean(axis=1) for planner in (better, worse))
     return statistics.lower(first, second)
 

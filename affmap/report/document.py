@@ -16,7 +16,7 @@ from affmap.report import captions, claims, figures, provenance, statistics
 from affmap.report.captions import effect
 from affmap.report.claims import Score
 from affmap.report.tables import Job, Results, write_csv
-from affmap.report.text import number, p_value
+from affmap.report.text import NOTHING, number, p_value
 
 _HERE = Path(__file__).parent
 
@@ -126,7 +126,7 @@ def _claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
             )
         if several:
             whole = {"name": item.claim.name, "statement": item.claim.statement, "detail": "all parts together"}
-            rows.append(whole | {"effect": "–", "p": "–", "verdict": item.verdict.value})
+            rows.append(whole | {"effect": NOTHING, "p": NOTHING, "verdict": item.verdict.value})
     return rows
 
 
@@ -157,9 +157,9 @@ def _median_rows(results: Results) -> list[list[str]]:
     for _, group in table.groupby(["metric", "planner"], sort=False):
         first = group.iloc[0]
         label = f"{first['metric'].replace('_', ' ').replace('nll', 'NLL')} ({first['unit']})"
-        medians = group.set_index("context_size")["shown"].reindex(results.context_sizes, fill_value="–")
+        medians = group.set_index("context_size")["shown"].reindex(results.context_sizes, fill_value=NOTHING)
         axis = f"{number(first['paper_low'], 1)} to {number(first['paper_high'], 1)}"
-        rows.append([label, first["planner"] or "–", _span(group["number"]), *medians, axis])
+        rows.append([label, first["planner"] or NOTHING, _span(group["number"]), *medians, axis])
     return rows
 
 
@@ -193,11 +193,17 @@ def _origin(origin: dict[str, Any]) -> dict[str, Any]:
             stage["digest"][:12],
             str(stage["started"]),
             number(stage["seconds"], 0),
-            ", ".join(f"{name} = {value}" for name, value in stage["differs"].items()) or "–",
+            _shortened([f"{name} = {value}" for name, value in stage["differs"].items()]),
         ]
         for stage in origin["stages"]
     ]
     return {"provenance": lines, "stages": rows}
+
+
+def _shortened(items: list[str], room: int = 4) -> str:
+    """The first items; `provenance.json` has them all."""
+    more = f" and {len(items) - room} more" if len(items) > room else ""
+    return ", ".join(items[:room]) + more or NOTHING
 
 
 def _plain(value: Any) -> str:

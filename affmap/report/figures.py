@@ -135,7 +135,7 @@ def affordance_maps(results: Results) -> Figure | None:
     sizes = [(f"C = {size}", arrays, 0) for size, arrays in results.maps.items()]
     groups = {f"Members at context size {size}": (members, 3), f"Member {first} at each context size": (sizes, 4)}
     rows = [-(-len(shown) // columns) for shown, columns in groups.values()]
-    heights = [0.5 + 1.65 * rows[0], 0.6 + 1.25 * rows[1]]
+    heights = [0.5 + 1.65 * rows[0], 0.75 + 1.25 * rows[1]]
     figure = _figure(sum(heights))
     parts = figure.subfigures(2, 1, height_ratios=heights, squeeze=False).ravel()
     for part, (title, (shown, columns)), num_rows in zip(parts, groups.items(), rows, strict=True):

@@ -153,7 +153,7 @@ def _beside_obstacles(maps: Maps, world: World, side: str) -> Mask:
 
 
 def _sees_only(nodes: Floats, world: World, things: Sequence[str | Circle]) -> Mask:
-    """Does the view around each node show none of the border sides and circles but `things`?"""
+    """Where the view around a node shows none of the border sides and circles but `things`."""
     half = VIEW_SIDE / 2
     clear = np.ones(nodes.shape[:-1], dtype=bool)
     for side in DIRECTIONS:

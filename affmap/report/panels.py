@@ -49,7 +49,7 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: tuple[float, floa
         ax.plot(mean.index, mean, color=color, label=f"{context_size}", lw=1.4, marker="." if len(mean) < 10 else "")
         ax.fill_between(mean.index, mean - deviation, mean + deviation, color=color, alpha=0.18, lw=0)
     ax.set(xlabel="epoch", ylabel=LABELS["validation_nll"])
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     return _legend_above(ax)
 
 

@@ -221,12 +221,13 @@ class Results:
         return {folder: json.loads((folder / "provenance.json").read_text("utf-8")) for folder in folders}
 
 
-def score_matrix(table: pd.DataFrame, metric: str, columns: str = "context_size") -> pd.DataFrame:
+def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:
     """Average a metric over the runs of each member: one row per member, one column per setting, ascending.
 
-    A member that lacks a setting has NaN there.
+    A member that lacks a setting, or a number in one of its runs, has NaN there: no run is left out silently.
     """
-    return table.pivot_table(index="member", columns=columns, values=metric, aggfunc="mean", dropna=False)
+    means = table.groupby(["member", *columns])[metric].agg(lambda scores: scores.astype(float).mean(skipna=False))
+    return means.unstack(list(columns)).sort_index(axis=1)
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:

@@ -105,7 +105,7 @@ def test_a_missing_key_of_a_circle_is_named(key: str) -> None:
 def test_a_blocked_start_corner_is_named(center: list[float], square: str) -> None:
     """Golden parts: layout, circle, its values, which corner, and what would be right."""
     layout = original(circles=[circle(), circle(center=center)])
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match="blocks the start corner") as caught:
         layout.check_corners(0.06)
     wanted = ["layout 'original'", "circles[1]", str(center), "radius 0.2", square, "at least 0.06 away"]
     assert [part for part in wanted if part not in str(caught.value)] == []

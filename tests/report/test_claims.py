@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,6 +25,10 @@ def verdicts(results: Results) -> dict[str, Verdict]:
     return {score.claim.name: score.verdict for score in claims.score(results)}
 
 
+def by_claim(results: Results) -> dict[str, Any]:
+    return {row["claim"]: row for row in claims.as_table(claims.score(results)).to_dict("records")}
+
+
 def test_claims_that_were_built_into_the_data_hold(results: Results) -> None:
     assert verdicts(results) == {f"I-{number}": Verdict.HOLDS for number in range(1, 9)}
 
@@ -37,18 +42,25 @@ def test_claims_whose_opposite_was_built_into_the_data_do_not_hold(results: Resu
 
 
 def test_the_effect_is_the_hand_computed_mean_over_members(results: Results) -> None:
-    table = claims.as_table(claims.score(results)).set_index("claim")
+    rows = by_claim(results)
     runs = results.runs.query("planner == 'cem'")
     by_size = runs.groupby("context_size")["mean_distance"].mean()  # all members have four runs: means of means
-    assert table.loc["I-3", "effect"] == pytest.approx(by_size[8] - by_size[0])
-    assert table.loc["I-3", "low"] < table.loc["I-3", "effect"] < table.loc["I-3", "high"]
+    assert rows["I-3"]["effect"] == pytest.approx(by_size[8] - by_size[0])
+    assert rows["I-3"]["low"] < rows["I-3"]["effect"] < rows["I-3"]["high"]
     last = results.validation.query("epoch == 4").groupby("context_size")["validation_nll"].mean()
-    assert table.loc["I-1", "effect"] == pytest.approx(last[8] - last[0])
+    assert rows["I-1"]["effect"] == pytest.approx(last[8] - last[0])
 
 
 def test_every_context_size_is_listed_with_claim_seven(results: Results) -> None:
-    note = claims.as_table(claims.score(results)).set_index("claim").loc["I-7", "note"]
+    note = by_claim(results)["I-7"]["note"]
     assert "C = 1: " in note and "C = 8: " in note and "C = 0" not in note
+
+
+def test_a_run_without_a_number_is_not_left_out(results: Results) -> None:
+    broken = Results(results.jobs)
+    broken.runs.loc[0, "prediction_error"] = np.nan  # one of the four runs of a member of EB without a context
+    row = by_claim(broken)["I-2"]
+    assert (row["verdict"], row["note"]) == ("not decided", "1 of 6 members lack a finite score")
 
 
 def test_noise_is_not_decided(results: Results) -> None:

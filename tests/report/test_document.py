@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib.image
 import numpy as np
@@ -111,9 +112,9 @@ def test_box_plots_are_the_papers() -> None:
     values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 90.0]
     runs = pd.DataFrame({"context_size": 0, "planner": "cem", "mean_distance": values})
     ax = panels.boxes(Figure().subplots(), runs, "mean_distance")
-    box = ax.patches[0].get_path().vertices[:, 1]
+    box = np.asarray(ax.patches[0].get_path().vertices)[:, 1]
     assert (box.min(), box.max()) == (3.0, 7.0)
-    drawn = np.concatenate([line.get_ydata() for line in ax.lines])
+    drawn = np.concatenate([np.asarray(line.get_ydata()) for line in ax.lines])
     assert set(drawn) == {1.0, 3.0, 5.0, 7.0, 8.0}, "whisker ends, quartiles and the median, no outlier"
 
 
@@ -136,12 +137,13 @@ def test_the_example_is_the_lower_median_run_of_the_first_member(jobs: list[Job]
     assert {(example.member, example.run) for example in examples} == {(0, order[1])}
 
 
-def _red_pixels(png: bytes, rows: int) -> int:
+def _red_pixels(png: Any, rows: int) -> int:
     top = matplotlib.image.imread(io.BytesIO(png))[:rows, :, :3]
     return int(((top[..., 0] > 0.9) & (top[..., 1:] < 0.4).all(axis=-1)).sum())
 
 
-def _empty_document(notice: str) -> dict[str, object]:
+def _empty_document(notice: str) -> dict[str, Any]:
     lists = ("changes", "costs", "claims", "context_sizes", "medians", "provenance", "stages")
     texts = ("count", "setting", "rule", "ranges", "deviations")
-    return {"title": TITLE, "notice": notice, "figures": {}} | dict.fromkeys(lists, []) | dict.fromkeys(texts, "")
+    empty: dict[str, Any] = {name: [] for name in lists} | dict.fromkeys(texts, "")
+    return {"title": TITLE, "notice": notice, "figures": {}} | empty

@@ -1,0 +1,50 @@
+# Every target sets up what it needs: a virtual environment with pinned packages. `make help` lists the targets.
+
+PYTHON ?= python3
+VENV ?= .venv
+SCALE ?= full
+MODELS ?= train
+JOBS ?= -1
+ARGS ?=
+
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+SETTINGS = scale=$(SCALE) models=$(MODELS) $(ARGS)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup exp1 test check format clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
+	@echo "Settings: SCALE=full|smoke MODELS=train|reference JOBS=<number, -1: all cores> ARGS='<Hydra overrides>'"
+	@echo "          VENV=<folder> PYTHON=<interpreter, 3.11 to 3.13>"
+
+setup: $(READY)  ## create the virtual environment
+
+# torch first and pinned: asked for later, a larger build of it may be chosen.
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "affmap needs Python 3.11 or later: make PYTHON=...")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+exp1: $(READY)  ## Experiment I: explore, train, control, report (SCALE=smoke: at toy size, in about a minute)
+	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
+	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
+
+test: $(READY)  ## run the tests
+	$(BIN)/python -m pytest
+
+check: $(READY)  ## lint, format, types, import graph
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(READY)  ## format the code
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:  ## remove the virtual environment and everything that runs wrote (not runs/reference)
+	git clean -dfXq
