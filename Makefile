@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 test check format clean
+.PHONY: help setup exp1 lookups test check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -30,6 +30,10 @@ $(READY): pyproject.toml constraints.txt
 	touch $@
 
 exp1: $(READY)  ## Experiment I: explore, train, control, report (SCALE=smoke: at toy size, in about a minute)
+	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
+	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
+
+lookups: $(READY)  ## control with the affordance map and with exact look-ups compared (about ten minutes after exp1)
 	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 

@@ -29,6 +29,8 @@ class ReportSettings(Settings):
 
     map_spacing: PositiveFloat
     """Distance between the nodes of the affordance maps that are drawn and examined, u."""
+    compare: Literal["lookup"] | None = Field(exclude=True)
+    """A column of the runs whose values are compared in a table; None for the report of an experiment."""
 
 
 class Config(Settings):

@@ -90,7 +90,6 @@ def _control(config: Config, train: Path, folder: Path) -> None:
     with track(f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps") as update:
         runs = control(agent, config.seeds, config.layout, config.vehicle, config.control, update)
     setting: dict[str, str | int] = {
-        "experiment": config.name,
         "layout": config.layout.name,
         "planner": config.planner.kind,
         "lookup": config.lookup.kind,
@@ -167,11 +166,16 @@ def report() -> None:
 
 
 def _report(overrides: list[str], configs: list[Config]) -> None:
-    from affmap.report import document
+    from affmap.report import comparison, document
 
     first = configs[0]
+    jobs = _found(configs)
+    if first.report.compare:
+        path = comparison.write(first.output, jobs, first.report.compare)
+        print(f"{path.read_text('utf-8')}\nThe table is {path}")
+        return
     command = " ".join(["affmap", *overrides])
-    path = document.write(first.output, _found(configs), title=first.title, command=command, notice=first.notice)
+    path = document.write(first.output, jobs, title=first.title, command=command, notice=first.notice)
     print(f"The report is {path}")
 
 

@@ -15,7 +15,7 @@ import typst
 from affmap.report import captions, claims, figures, provenance, statistics
 from affmap.report.captions import effect
 from affmap.report.claims import Score
-from affmap.report.tables import Job, Results, write_csv
+from affmap.report.tables import Job, Results, write_csv, write_runs
 from affmap.report.text import NOTHING, number, p_value
 
 _HERE = Path(__file__).parent
@@ -91,8 +91,8 @@ def claims_markdown(scores: Sequence[Score]) -> str:
 
 def _write_tables(folder: Path, results: Results, scores: Sequence[Score]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
+    write_runs(folder, results.runs)
     tables = {
-        "runs": results.runs,
         "validation": results.validation,
         "claims": claims.as_table(scores),
         "medians": claims.medians(results),

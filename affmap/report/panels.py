@@ -3,9 +3,13 @@
 Lengths are in u, the arena's lower left corner is the origin.
 """
 
+import warnings
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, to_hex
 from matplotlib.patches import Circle as Disc
@@ -13,7 +17,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from affmap.report import maps, statistics
-from affmap.report.tables import PLANNERS, Exploration, Floats, Maps, Trajectories, World, score_matrix
+from affmap.report.tables import PLANNERS, Exploration, Maps, Trajectories, World
 
 PLANNER_COLORS = {"cem": "#0072B2", "gradient": "#E69F00"}  # Okabe and Ito: told apart by everybody, and in grey
 EFFECT_COLORS = {"obstacle": "0.55", "fog": "#9ecae1", "force_up": "#a1d99b", "force_down": "#fdae6b", "none": "0.9"}
@@ -42,12 +46,21 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: tuple[float, floa
         paper: lowest and highest tick of the paper's axis, marked by dotted lines.
     """
     _mark(ax, paper)
-    for context_size, table in validation.groupby("context_size"):
-        epochs = table.groupby("epoch")["validation_nll"]
-        mean, deviation = epochs.mean(), epochs.std(ddof=0)
-        color = context_color(int(str(context_size)))
-        ax.plot(mean.index, mean, color=color, label=f"{context_size}", lw=1.4, marker="." if len(mean) < 10 else "")
-        ax.fill_between(mean.index, mean - deviation, mean + deviation, color=color, alpha=0.18, lw=0)
+    sizes = sorted(validation["context_size"].unique())
+    num_epochs = validation["epoch"].nunique()
+    sns.lineplot(
+        validation,
+        x="epoch",
+        y="validation_nll",
+        hue="context_size",
+        palette={size: context_color(size) for size in sizes},
+        errorbar="sd",
+        err_kws={"alpha": 0.18, "lw": 0},
+        lw=1.4,
+        marker="o" if num_epochs < 10 else None,
+        legend="full",
+        ax=ax,
+    )
     ax.set(xlabel="epoch", ylabel=LABELS["validation_nll"])
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     return _legend_above(ax)
@@ -65,40 +78,36 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, paper: tuple[float, float] 
         paper: lowest and highest tick of the paper's axis, marked by dotted lines.
     """
     _mark(ax, paper)
-    sizes, positions, width = _dodge(runs)
-    for planner, offsets in positions.items():
-        table = runs[runs["planner"] == planner]
-        ax.boxplot(
-            [table.loc[table["context_size"] == size, metric].dropna() for size in sizes],
-            positions=offsets,
-            widths=0.85 * width,
+    with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed
+        warnings.filterwarnings("ignore", "vert: bool", DeprecationWarning)
+        sns.boxplot(
+            x=runs["context_size"],
+            y=runs[metric],
+            **_by_planner(runs),
             whis=1.5,
             showfliers=False,
-            patch_artist=True,
-            manage_ticks=False,
-            boxprops={"facecolor": PLANNER_COLORS[planner], "linewidth": 0.8},
-            medianprops={"color": "black", "linewidth": 1.6},
-            whiskerprops={"linewidth": 0.8},
-            capprops={"linewidth": 0.8},
-            label=PLANNERS[planner],
+            linewidth=0.8,
+            linecolor="black",
+            medianprops={"linewidth": 1.6},
+            ax=ax,
         )
-    ax.set_xticks(range(len(sizes)), labels=[str(size) for size in sizes])
-    ax.set(xlabel="context size", ylabel=LABELS[metric], xlim=(-0.6, len(sizes) - 0.4))
+    ax.set(xlabel="context size", ylabel=LABELS[metric])
     return _legend_above(ax)
 
 
 def success_share(ax: Axes, runs: pd.DataFrame) -> Axes:
     """Share of runs that reached the goal, with 95 % bootstrap intervals over members where there are enough."""
-    sizes, positions, width = _dodge(runs)
-    for planner, offsets in positions.items():
-        shares = score_matrix(runs[runs["planner"] == planner], "reached").reindex(columns=sizes)  # [M, sizes]
-        color, label = PLANNER_COLORS[planner], PLANNERS[planner]
-        ax.bar(offsets, shares.mean(), 0.85 * width, color=color, edgecolor="black", linewidth=0.8, label=label)
-        for offset, size in zip(offsets, sizes, strict=True):
-            members = shares[size].dropna()
-            if len(members) >= statistics.MIN_MEMBERS:
-                ax.plot([offset, offset], statistics.interval(members), color="black", lw=1.2, marker="_", ms=4)
-    ax.set_xticks(range(len(sizes)), labels=[str(size) for size in sizes])
+    members = runs.groupby(["planner", "context_size", "member"])["reached"].mean().reset_index()
+    sns.barplot(
+        x=members["context_size"],
+        y=members["reached"],
+        **_by_planner(members),
+        errorbar=_interval,
+        err_kws={"color": "black", "linewidth": 1.2},
+        edgecolor="black",
+        linewidth=0.8,
+        ax=ax,
+    )
     ax.set(xlabel="context size", ylabel="share of runs that reached the goal", ylim=(0.0, 1.05))
     return _legend_above(ax)
 
@@ -202,10 +211,12 @@ def _legend_above(ax: Axes) -> Axes:
     return ax
 
 
-def _dodge(runs: pd.DataFrame) -> tuple[list[int], dict[str, Floats], float]:
-    """Context sizes, the x positions of each planner's boxes around 0, 1, 2 ..., and the room of one box."""
-    sizes = sorted(runs["context_size"].unique())
-    planners = [planner for planner in PLANNERS if planner in set(runs["planner"])]
-    width = 0.8 / len(planners)
-    shifts = width * (np.arange(len(planners)) - (len(planners) - 1) / 2)
-    return sizes, {p: np.arange(len(sizes)) + shift for p, shift in zip(planners, shifts, strict=True)}, width
+def _interval(shares: "pd.Series[float]") -> tuple[float, float]:
+    return statistics.interval(shares) if len(shares) >= statistics.MIN_MEMBERS else (np.nan, np.nan)
+
+
+def _by_planner(table: pd.DataFrame) -> dict[str, Any]:
+    """Seaborn's arguments that tell the planners of `table` apart, in the paper's names."""
+    names = [name for planner, name in PLANNERS.items() if planner in set(table["planner"])]
+    palette = {PLANNERS[planner]: color for planner, color in PLANNER_COLORS.items()}
+    return {"hue": table["planner"].map(PLANNERS), "hue_order": names, "palette": palette, "saturation": 1.0}

@@ -22,7 +22,6 @@ PLANNERS = {"cem": "EB", "gradient": "GB"}
 STAGES = ("data", "train", "map", "control")
 
 RUN_COLUMNS = [
-    "experiment",
     "layout",
     "planner",
     "lookup",
@@ -168,8 +167,7 @@ class Results:
     @cached_property
     def runs(self) -> pd.DataFrame:
         """One row per run of control, columns `RUN_COLUMNS`."""
-        tables = [_read_table(job.control / "runs.csv", RUN_COLUMNS) for job in self.jobs]
-        table = pd.concat([table.astype({"steps_to_reach": "Int64"}) for table in tables])
+        table = pd.concat([read_runs(job) for job in self.jobs])
         return table.sort_values(["context_size", "planner", "member", "run"], ignore_index=True)
 
     @cached_property
@@ -221,6 +219,11 @@ class Results:
         return {folder: json.loads((folder / "provenance.json").read_text("utf-8")) for folder in folders}
 
 
+def read_runs(job: Job) -> pd.DataFrame:
+    """The runs of a job, one a row, columns `RUN_COLUMNS`."""
+    return _read_table(job.control / "runs.csv", RUN_COLUMNS).astype({"steps_to_reach": "Int64"})
+
+
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:
     """Average a metric over the runs of each member: one row per member, one column per setting, ascending.
 
@@ -228,6 +231,13 @@ def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("co
     """
     means = table.groupby(["member", *columns])[metric].agg(lambda scores: scores.astype(float).mean(skipna=False))
     return means.unstack(list(columns)).sort_index(axis=1)
+
+
+def write_runs(folder: Path, runs: pd.DataFrame) -> None:
+    """Write `runs.csv` into `folder`, with the name of the experiment's folder as its first column."""
+    runs = runs.copy()
+    runs.insert(0, "experiment", folder.parent.name)
+    write_csv(folder / "runs.csv", runs)
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:
