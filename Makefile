@@ -21,12 +21,13 @@ help:  ## list the targets
 
 setup: $(READY)  ## create the virtual environment
 
-# torch first and pinned: asked for later, a larger build of it may be chosen.
+# torch first and pinned: asked for later, a larger build of it may be chosen. The constraints hold for builds, too.
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "affmap needs Python 3.11 or later: make PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	export PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
+	$(BIN)/python -m pip install --quiet torch && \
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@
 
 exp1: $(READY)  ## Experiment I: explore, train, control, report (SCALE=smoke: at toy size, in about a minute)

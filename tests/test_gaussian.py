@@ -140,7 +140,10 @@ def test_any_axes_before_the_last_are_kept() -> None:
     for found, alone in (
         (nll(gaussian, value), lambda b, h: nll(Gaussian(mean[b, h], log_std[b, h]), value[b, h])),
         (entropy(gaussian), lambda b, h: entropy(Gaussian(mean[b, h], log_std[b, h]))),
-        (kl(gaussian, other), lambda b, h: kl(Gaussian(mean[b, h], log_std[b, h]), Gaussian(*(o[b, h] for o in other)))),
+        (
+            kl(gaussian, other),
+            lambda b, h: kl(Gaussian(mean[b, h], log_std[b, h]), Gaussian(*(o[b, h] for o in other))),
+        ),
     ):
         assert found.shape == (4, 3)
         for b in range(4):

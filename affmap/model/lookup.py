@@ -4,6 +4,7 @@ Positions outside the arena are looked up at the nearest point inside it. Knows 
 knows nothing of motion, planners or goals.
 """
 
+import math
 from typing import Literal, Protocol
 
 import torch
@@ -88,7 +89,9 @@ class AffordanceMap:
     @torch.no_grad()
     def paint(cls, stack: Stack, world: Map, spacing: float, differentiable: bool = False) -> "AffordanceMap":
         """Compute the codes of all members at nodes at most `spacing` (u) apart, by exact look-ups."""
-        x, y = (torch.linspace(0, length, round(length / spacing) + 1) for length in world.size)
+        # As many equal parts as it takes, whatever rounding made of a quotient that should be a whole number.
+        parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in world.size]
+        x, y = (torch.linspace(0, length, num + 1) for length, num in zip(world.size, parts, strict=True))
         device = next(stack.parameters()).device
         rows = []
         for row in y:  # a row at a time bounds the memory

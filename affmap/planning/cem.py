@@ -78,7 +78,8 @@ class CEMPlanner(Settings):
     def _uniform(self, generators: Generators, mean: Tensor) -> Tensor:
         """Uniform numbers in [0, 1), `[B, N, H, 4]`, each problem's from its own generator."""
         shape = (self.num_candidates, self.horizon, 4)
-        return torch.stack([torch.rand(shape, generator=generator) for generator in generators]).to(mean.device)
+        draws = [torch.rand(shape, generator=generator) for generator, _ in zip(generators, mean, strict=True)]
+        return torch.stack(draws).to(mean.device)
 
     def _estimate(self, elites: Tensor, usable: Tensor, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance of the usable elites, `[B, E, H, 4]` and `[B, E]` bool, mixed with the old ones."""
@@ -103,4 +104,5 @@ def truncated_normal(mean: Tensor, std: Tensor, uniform: Tensor) -> Tensor:
     """
     std = std.clamp_min(torch.finfo(std.dtype).tiny ** 0.5)
     low, high = torch.special.ndtr(-mean / std), torch.special.ndtr((1 - mean) / std)
-    return (mean + std * torch.special.ndtri(torch.lerp(low, high, uniform))).clamp(0, 1)
+    quantile = torch.special.ndtri(torch.lerp(low, high, uniform)).clamp(-9, 9)  # rounding may make it infinite
+    return (mean + std * quantile).clamp(0, 1)

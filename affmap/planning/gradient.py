@@ -71,8 +71,8 @@ class GradientPlanner(Settings):
         with torch.set_grad_enabled(with_gradient):
             variable = actions.detach().requires_grad_(with_gradient)
             cost = evaluate(objective, variable[:, None])[:, 0]
-        if not with_gradient:
-            return cost, torch.zeros_like(actions)
-        (gradient,) = torch.autograd.grad(cost.sum(), variable)
+            if not with_gradient:
+                return cost, torch.zeros_like(actions)
+            (gradient,) = torch.autograd.grad(cost.sum(), variable)
         # Where the objective is not a number, neither is its gradient; such actions stay where they are.
         return cost.detach(), gradient.nan_to_num(0.0, 0.0, 0.0)

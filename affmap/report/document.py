@@ -4,6 +4,7 @@
 knows a result; the same stages give the same bytes.
 """
 
+import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -49,14 +50,17 @@ def write(output: Path, jobs: Sequence[Job], *, title: str, command: str, notice
         notice: warning to the reader, put on every figure and page, such as that of a smoke run; or None.
 
     Returns:
-        The path of the PDF.
+        The path of the PDF. Where it is there already, made from the same stages by the same code, nothing is done.
     """
     results = Results(tuple(jobs))
+    origin = {"title": title, "notice": notice, "report": command, "code": _code(), **provenance.summarize(results)}
+    origin_text = json.dumps(origin, indent=1, ensure_ascii=False) + "\n"
+    origin_path, path = output / "provenance.json", output / "report.pdf"
+    if path.is_file() and origin_path.is_file() and origin_path.read_text("utf-8") == origin_text:
+        return path  # the same stages, drawn by the same code
     scores = claims.score(results)
     _write_tables(output / "tables", results, scores)
     drawn = figures.draw_all(results, output / "figures", notice)
-    origin = {"title": title, "notice": notice, "report": command, **provenance.summarize(results)}
-    _write_text(output / "provenance.json", json.dumps(origin, indent=1, ensure_ascii=False) + "\n")
     texts = captions.captions(results, scores)
     data = {
         "title": title,
@@ -66,9 +70,15 @@ def write(output: Path, jobs: Sequence[Job], *, title: str, command: str, notice
         **_sections(results, scores),
         **_origin(origin),
     }
-    path = output / "report.pdf"
     path.write_bytes(compile_document(data, output))
+    _write_text(origin_path, origin_text)  # last: what is there when this is there is whole
     return path
+
+
+def _code() -> str:
+    """A digest of this package's own files."""
+    files = sorted(path for path in _HERE.iterdir() if path.suffix in (".py", ".typ"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
 
 
 def compile_document(data: dict[str, Any], root: Path) -> bytes:

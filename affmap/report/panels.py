@@ -86,6 +86,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, paper: tuple[float, float] 
             **_by_planner(runs),
             whis=1.5,
             showfliers=False,
+            gap=0.1,
             linewidth=0.8,
             linecolor="black",
             medianprops={"linewidth": 1.6},

@@ -4,13 +4,14 @@ Everything goes into one folder; called again with the folder of an interrupted 
 """
 
 import logging
+import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import lightning
 import pandas as pd
-from lightning.pytorch.callbacks import Callback, ModelCheckpoint
+from lightning.pytorch.callbacks import Checkpoint
 from safetensors.torch import load_file, save_file
 
 from affmap.data.module import DataModule
@@ -22,17 +23,23 @@ WEIGHTS = "weights.safetensors"
 VALIDATION = "validation.csv"
 
 
-class _Epochs(Callback):
-    """Keeps snapshots, and tells how far the training is."""
+class _Epochs(Checkpoint):
+    """After each epoch: a snapshot where one is wanted, a checkpoint, and word of how far the training is.
 
-    def __init__(self, folder: Path, epochs: set[int], on_epoch: Callable[[int], None]) -> None:
-        self._folder, self._epochs, self._on_epoch = folder, epochs, on_epoch
+    Lightning calls its kind of callback after the module's own hook, when the losses of the epoch are noted.
+    """
+
+    def __init__(self, checkpoint: Path, snapshots: set[int], on_epoch: Callable[[int], None]) -> None:
+        self._checkpoint, self._snapshots, self._on_epoch = checkpoint, snapshots, on_epoch
 
     def on_train_epoch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         epoch = trainer.current_epoch + 1
-        if epoch in self._epochs:
+        if epoch in self._snapshots:
             assert isinstance(pl_module, TrainingModule)
-            save(pl_module.stack, self._folder / f"weights-epoch-{epoch:03d}.safetensors")
+            save(pl_module.stack, self._checkpoint.with_name(f"weights-epoch-{epoch:03d}.safetensors"))
+        partial = self._checkpoint.with_suffix(".partial")
+        trainer.save_checkpoint(partial)
+        os.replace(partial, self._checkpoint)  # a kill at any moment leaves a whole one
         self._on_epoch(epoch)
 
 
@@ -48,9 +55,11 @@ def fit(
     A checkpoint after each epoch (`last.ckpt`, removed at the end) is what an interrupted training resumes from, with
     the result that it would have had. `on_epoch` is called with the number of epochs done.
     """
-    # Lightning greets, advises and says good-bye; and it warns of its own use of a renamed class of PyTorch.
+    # Lightning greets, advises and says good-bye; it warns of its own use of a renamed class of PyTorch, and of data
+    # read without helpers (all of it is in memory).
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*LeafSpec.* is deprecated")
+    warnings.filterwarnings("ignore", message=".*does not have many workers")
     module = TrainingModule(stack, settings)
     checkpoint = folder / "last.ckpt"
     trainer = lightning.Trainer(
@@ -62,10 +71,7 @@ def fit(
         logger=False,
         enable_progress_bar=False,
         enable_model_summary=False,
-        callbacks=[
-            _Epochs(folder, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch),
-            ModelCheckpoint(folder, save_last=True, save_top_k=0, every_n_epochs=1, save_on_train_epoch_end=True),
-        ],
+        callbacks=[_Epochs(checkpoint, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch)],
     )
     trainer.fit(module, data, ckpt_path=checkpoint if checkpoint.exists() else None)
     save(stack, folder / WEIGHTS)

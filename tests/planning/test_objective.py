@@ -131,20 +131,14 @@ def test_each_problem_has_its_own_goal_and_deviation() -> None:
                 torch.testing.assert_close(whole[b, n], part)
 
 
-def test_the_goal_s_deviation_shrinks_below_half_a_unit_and_not_at_it() -> None:
-    """Section 4.2: 0.1, and 0.01 within 0.5 u; in all directions (3-4-5 triangles), problem by problem."""
-    settings = ControlSettings.load("control", "default")
-    below = torch.nextafter(torch.tensor(0.5), torch.tensor(0.0)).item()
-    goals = [[0.5, 0.0], [below, 0.0], [0.0, -0.5], [0.0, -below], [0.3, 0.4], [-0.29, 0.4], [0.31, 0.4], [0.0, 0.0]]
-    for offset in (0.0, 1.0):  # exact in binary; `below` is not, so far from the origin
-        position = torch.full((len(goals), 2), offset)
-        found = goal_std(
-            position,
-            torch.tensor(goals) + offset,
-            settings.goal_std_far,
-            settings.goal_std_near,
-            settings.near_distance,
-        )
-        expected = torch.tensor([0.1, 0.01, 0.1, 0.01, 0.1, 0.01, 0.1, 0.01])
-        keep = [0, 2, 5, 6, 7] if offset else [0, 1, 2, 3, 5, 6, 7]
-        assert torch.equal(found[keep], expected[keep])
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (1.0, 2.0)])
+def test_the_goal_s_deviation_shrinks_below_half_a_unit_and_not_at_it(corner: tuple[float, float]) -> None:
+    """Section 4.2: 0.1, and 0.01 within 0.5 u, in all directions, problem by problem; binary fractions are exact."""
+    control = ControlSettings.load("control", "default")
+    tiny = 2.0**-20
+    offsets = torch.tensor(
+        [[0.5, 0], [0.5 - tiny, 0], [0, -0.5], [0, tiny - 0.5], [-0.5, tiny], [0.25, 0.25], [0.375, 0.375], [0, 0]]
+    )
+    position = torch.tensor(corner).expand(8, 2)
+    found = goal_std(position, position + offsets, control.goal_std_far, control.goal_std_near, control.near_distance)
+    assert torch.equal(found, torch.tensor([0.1, 0.01, 0.1, 0.01, 0.1, 0.01, 0.1, 0.01]))

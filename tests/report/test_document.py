@@ -43,9 +43,22 @@ def test_everything_that_was_promised_is_there(report: Path) -> None:
 
 
 def test_writing_twice_gives_the_same_bytes(report: Path, jobs: list[Job], tmp_path: Path) -> None:
-    write(tmp_path, jobs, title=TITLE, command=COMMAND, notice=NOTICE)
+    again = tmp_path / report.name
+    write(again, jobs, title=TITLE, command=COMMAND, notice=NOTICE)
     for path in report.rglob("*.*"):
-        assert path.read_bytes() == (tmp_path / path.relative_to(report)).read_bytes(), path.name
+        assert path.read_bytes() == (again / path.relative_to(report)).read_bytes(), path.name
+
+
+def test_a_complete_report_is_left_alone(report: Path, jobs: list[Job]) -> None:
+    """A file removed by hand stays away as long as stages, arguments and code are the same."""
+    table = report / "tables" / "medians.csv"
+    content = table.read_bytes()
+    table.unlink()
+    write(report, jobs, title=TITLE, command=COMMAND, notice=NOTICE)
+    assert not table.exists()
+    (report / "provenance.json").unlink()
+    write(report, jobs, title=TITLE, command=COMMAND, notice=NOTICE)
+    assert table.read_bytes() == content
 
 
 def test_the_notice_is_red_on_every_figure(report: Path) -> None:

@@ -1,0 +1,248 @@
+"""Goal-directed runs against members alone, replays of the environment, torch.distributions and sums by hand."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from torch.distributions import Normal
+
+from affmap.control.agent import Agent, ControlSettings, Decision, Observation
+from affmap.control.episodes import Runs, control, summarise
+from affmap.env.layout import Layout
+from affmap.env.physics import Vehicle
+from affmap.env.vehicle import VehicleEnv
+from affmap.model.lookup import LookupSettings, make_lookup
+from affmap.model.stack import ModelSettings, Stack
+from affmap.planning.cem import CEMPlanner
+from affmap.planning.gradient import GradientPlanner
+from affmap.planning.planner import Generators, Planner
+from affmap.random import integer
+
+FOG = {"center": [0.3, 0.3], "radius": 0.15, "effect": "fog", "channel": "solid"}
+LAYOUT = Layout.load("layout", "original", circles=[FOG, *Layout.load("layout", "original").model_dump()["circles"]])
+VEHICLE = Vehicle.load("vehicle", "default")
+SETTINGS = ControlSettings.load("control", "default", num_steps=9, runs_per_member=5, goal_radius=0.6)
+T, R, H = SETTINGS.num_steps, SETTINGS.runs_per_member, 3
+SEEDS = (4, 5)
+PLANNERS: dict[str, Planner] = {
+    "cem": CEMPlanner.load("planner", "cem", horizon=H, num_candidates=8, num_iterations=2),
+    "gradient": GradientPlanner.load("planner", "gradient", horizon=H, num_iterations=4, learning_rate=0.05),
+}
+
+
+class Recorder(Agent):
+    """An agent that remembers what it saw and decided."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.seen: list[Observation] = []
+        self.decisions: list[Decision] = []
+
+    def act(self, observation: Observation, state: Any, generators: Generators) -> tuple[Decision, Any]:
+        decision, state = super().act(observation, state, generators)
+        self.seen.append(observation)
+        self.decisions.append(decision)
+        return decision, state
+
+
+def make_agent(seeds: Sequence[int], context_size: int, kind: str) -> Recorder:
+    model = Stack(ModelSettings.load("model", "default", context_size=context_size), LAYOUT.map.num_channels, seeds)
+    lookup = make_lookup(LookupSettings.load("lookup", "map", spacing=0.1), model, LAYOUT.map)
+    return Recorder(model, lookup, PLANNERS[kind], SETTINGS)
+
+
+@cache
+def fly(seeds: Sequence[int] = SEEDS, context_size: int = 3, kind: str = "cem") -> tuple[Recorder, Runs]:
+    agent = make_agent(seeds, context_size, kind)
+    return agent, control(agent, seeds, LAYOUT, VEHICLE, SETTINGS)
+
+
+def replay(runs: Runs, b: int) -> tuple[VehicleEnv, list[tuple]]:
+    """Run `b` again, in an environment of its own, from what was recorded: the environment and its steps."""
+    env = VehicleEnv(LAYOUT, VEHICLE, SETTINGS.goal_radius)
+    member, run = int(runs.trajectories["member"][b]), int(runs.trajectories["run"][b])
+    env.reset(seed=integer(member, "start and goal", run), options={"corner": run % 4})
+    return env, [env.step(action) for action in runs.trajectories["action"][b]]
+
+
+everything = pytest.mark.parametrize(
+    ("context_size", "kind"), [(0, "cem"), (3, "cem"), (0, "gradient"), (3, "gradient")]
+)
+
+
+@everything
+def test_members_together_are_each_alone(context_size: int, kind: str) -> None:
+    """Rows and trajectories of a stack of 4 and 5 are those of 4 alone and 5 alone, to float rounding."""
+    together = fly(SEEDS, context_size, kind)[1]
+    alone = [fly((seed,), context_size, kind)[1] for seed in SEEDS]
+    tables = pd.concat([runs.table for runs in alone], ignore_index=True)
+    pd.testing.assert_frame_equal(together.table, tables, atol=1e-3, rtol=1e-3)
+    for key, values in together.trajectories.items():
+        parts = np.concatenate([runs.trajectories[key] for runs in alone])
+        assert values.dtype == parts.dtype
+        np.testing.assert_allclose(values.astype(float), parts.astype(float), atol=1e-3, err_msg=key)
+    error = together.table["prediction_error"]
+    assert (error[:R].to_numpy() != error[R:].to_numpy()).all()
+
+
+@everything
+def test_same_seeds_same_results(context_size: int, kind: str) -> None:
+    """Bit for bit, whatever torch's and NumPy's global generators do."""
+    first = fly(SEEDS, context_size, kind)[1]
+    torch.rand(3), np.random.default_rng().random()
+    second = control(make_agent(SEEDS, context_size, kind), SEEDS, LAYOUT, VEHICLE, SETTINGS)
+    pd.testing.assert_frame_equal(first.table, second.table, check_exact=True)
+    for key, values in first.trajectories.items():
+        np.testing.assert_array_equal(values, second.trajectories[key], err_msg=key)
+
+
+def test_shapes_and_order_are_those_promised() -> None:
+    """The docstring of `Runs`; member-major."""
+    agent, runs = fly()
+    b = len(SEEDS) * R
+    shapes = {key: values.shape for key, values in runs.trajectories.items()}
+    assert shapes == {
+        "position": (b, T + 1, 2),
+        "goal": (b, 2),
+        "action": (b, T, 4),
+        "planned_position": (b, T, H, 2),
+        "planned_std": (b, T, H, 2),
+        "prediction_error": (b, T),
+        "touching": (b, T),
+        "in_fog": (b, T),
+        "reached": (b, T),
+        "member": (b,),
+        "run": (b,),
+    }
+    assert runs.table["member"].tolist() == [4] * R + [5] * R
+    assert runs.table["run"].tolist() == [*range(R)] * 2
+    assert len(agent.decisions) == T
+
+
+def test_runs_start_in_their_corner_and_end_in_the_opposite_one() -> None:
+    """Section 4.2, in the layout's squares; run 4 begins where run 0 did, but elsewhere in the square."""
+    runs = fly()[1]
+    for _, row in runs.table.iterrows():
+        for point, corner in (
+            ((row["start_x"], row["start_y"]), row["run"] % 4),
+            ((row["goal_x"], row["goal_y"]), 3 - row["run"] % 4),
+        ):
+            low, high = LAYOUT.corner(corner)
+            assert ((low <= np.array(point) + 1e-6) & (np.array(point) <= high + 1e-6)).all()
+    starts = runs.table[["start_x", "start_y", "goal_x", "goal_y"]].round(4)
+    assert not starts.duplicated().any()
+    assert (starts.nunique() == len(starts)).all()
+
+
+def test_starts_and_goals_are_the_same_for_all_planners_and_context_sizes() -> None:
+    """Bit for bit; what comes of them is not."""
+    columns = ["member", "run", "start_x", "start_y", "goal_x", "goal_y"]
+    first = fly()[1].table
+    for context_size, kind in ((0, "cem"), (0, "gradient"), (3, "gradient")):
+        other = fly(SEEDS, context_size, kind)[1].table
+        pd.testing.assert_frame_equal(other[columns], first[columns], check_exact=True)
+        assert (other["mean_distance"] != first["mean_distance"]).all()
+
+
+@everything
+def test_what_is_recorded_is_what_happened(context_size: int, kind: str) -> None:
+    """Every run replayed alone: positions, contact, fog and arrival; the mean distance is minus the mean reward."""
+    agent, runs = fly(SEEDS, context_size, kind)
+    assert ((runs.trajectories["action"] >= 0) & (runs.trajectories["action"] <= 1)).all()
+    for b in range(len(runs.table)):
+        env, steps = replay(runs, b)
+        infos, rewards = [step[4] for step in steps], [step[1] for step in steps]
+        np.testing.assert_allclose(
+            runs.trajectories["position"][b, 1:], [info["position"] for info in infos], atol=1e-6
+        )
+        np.testing.assert_array_equal(runs.trajectories["goal"][b], env.goal)
+        for key in ("touching", "in_fog", "reached"):
+            assert runs.trajectories[key][b].tolist() == [info[key] for info in infos]
+        assert runs.table["mean_distance"][b] == pytest.approx(-np.mean(rewards), abs=1e-6)
+        for t in range(1, T):
+            for key in ("position", "delta", "view", "goal"):
+                np.testing.assert_array_equal(getattr(agent.seen[t], key)[b].numpy(), steps[t - 1][0][key])
+
+
+@everything
+def test_prediction_errors_are_those_of_torch_distributions(context_size: int, kind: str) -> None:
+    """The change of the reported position in the next step, under what was expected of it before."""
+    agent, runs = fly(SEEDS, context_size, kind)
+    expected = np.empty((len(runs.table), T))
+    for b in range(len(runs.table)):
+        _, steps = replay(runs, b)
+        for t in range(T):
+            delta = agent.decisions[t].delta
+            density = Normal(delta.mean[b], delta.log_std[b].exp())
+            expected[b, t] = -density.log_prob(torch.from_numpy(steps[t][0]["delta"])).sum().item()
+    np.testing.assert_allclose(runs.trajectories["prediction_error"], expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(runs.table["prediction_error"], expected.mean(axis=1), rtol=1e-4)
+    assert runs.trajectories["in_fog"].any() and not runs.trajectories["in_fog"].all()
+
+
+@everything
+def test_actions_and_plans_are_those_decided(context_size: int, kind: str) -> None:
+    """Step by step, as deviations; the first planned position is the first action's."""
+    agent, runs = fly(SEEDS, context_size, kind)
+    for t, decision in enumerate(agent.decisions):
+        np.testing.assert_array_equal(runs.trajectories["action"][:, t], decision.action)
+        np.testing.assert_array_equal(runs.trajectories["planned_position"][:, t], decision.path.mean)
+        np.testing.assert_allclose(runs.trajectories["planned_std"][:, t], decision.path.log_std.exp())
+    assert np.ptp(runs.trajectories["action"][:, :, 0]) > 0.1
+
+
+def test_steps_are_reported_as_they_are_done() -> None:
+    """For whoever shows the progress."""
+    steps: list[int] = []
+    control(make_agent((4,), 0, "cem"), (4,), LAYOUT, VEHICLE, SETTINGS, steps.append)
+    assert steps == [*range(1, T + 1)]
+
+
+def test_summaries_worked_out_by_hand() -> None:
+    """Three runs of four steps: one arrives at once, one later and leaves again, one never."""
+    position = np.zeros((3, 5, 2))
+    position[0, :, 0] = [9, 0, 0, 0, 0]  # the start does not count
+    position[1, :, 1] = [9, 4, 3, 2, 3]
+    position[2] = [[7, 8], [3, 4], [6, 8], [3, 4], [0, 0]]
+    reached = np.array([[1, 1, 1, 1], [0, 0, 1, 0], [0, 0, 0, 0]], bool)
+    trajectories = {
+        "position": position,
+        "goal": np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]),
+        "prediction_error": np.array([[1.0, 2, 3, 6], [-8, -8, -8, -4], [0, 0, 0, 0]]),
+        "reached": reached,
+        "touching": np.array([[0, 0, 0, 0], [1, 0, 1, 1], [1, 1, 1, 1]], bool),
+        "in_fog": np.array([[0, 1, 0, 0], [0, 0, 0, 0], [1, 1, 0, 0]], bool),
+        "member": np.array([4, 4, 5]),
+        "run": np.array([0, 1, 0]),
+    }
+    expected = pd.DataFrame(
+        {
+            "member": [4, 4, 5],
+            "run": [0, 1, 0],
+            "start_x": [9.0, 0.0, 7.0],
+            "start_y": [0.0, 9.0, 8.0],
+            "goal_x": [0.0, 0.0, 0.0],
+            "goal_y": [0.0, 1.0, 0.0],
+            "prediction_error": [3.0, -7.0, 0.0],
+            "mean_distance": [0.0, 2.0, 5.0],
+            "reached": [True, True, False],
+            "steps_to_reach": pd.array([1, 3, None], dtype="Int64"),
+            "steps_touching": [0, 3, 4],
+            "steps_in_fog": [1, 0, 2],
+        }
+    )
+    pd.testing.assert_frame_equal(summarise(trajectories), expected)
+
+
+def test_the_table_is_the_summary_of_the_trajectories() -> None:
+    """And reached and steps to reach say what the replayed runs say; some arrive, some do not."""
+    runs = fly()[1]
+    pd.testing.assert_frame_equal(runs.table, summarise(runs.trajectories))
+    for b, row in runs.table.iterrows():
+        arrivals = [t + 1 for t, step in enumerate(replay(runs, int(b))[1]) if step[4]["reached"]]
+        assert row["reached"] == bool(arrivals)
+        assert (row["steps_to_reach"] == arrivals[0]) if arrivals else pd.isna(row["steps_to_reach"])

@@ -1,0 +1,231 @@
+"""Look-ups against each other, `grid_sample`, finite differences, and each member alone."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from affmap.env.layout import Layout
+from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup, LookupSettings, inside, make_lookup
+from affmap.model.stack import ModelSettings, Stack
+from affmap.model.windows import take_apart
+from affmap.view import Map, view
+
+WORLD = Layout.load("layout", "original").map
+SEEDS = (4, 5, 6)
+
+
+def stack(*seeds: int, context_size: int = 3) -> Stack:
+    """Untrained; codes of untrained models differ little between places, so they are stretched."""
+    made = Stack(ModelSettings.load("model", "default", context_size=context_size), WORLD.num_channels, seeds)
+    if made.vision is not None:
+        with torch.no_grad():
+            for parameter in made.vision.parameters():
+                parameter *= 3
+    return made.requires_grad_(False)
+
+
+def places(*shape: int, seed: int = 0, margin: float = 0.0, dtype: torch.dtype = torch.float32) -> Tensor:
+    """Positions `[*shape, 2]` in the arena, or up to `margin` outside."""
+    size = torch.tensor(WORLD.size, dtype=dtype)
+    uniform = torch.rand(*shape, 2, generator=torch.Generator().manual_seed(seed), dtype=dtype)
+    return uniform * (size + 2 * margin) - margin
+
+
+def random_map(differentiable: bool = False) -> AffordanceMap:
+    """Codes `[3, 8, 13, 5]` without any order, float64."""
+    codes = torch.randn(3, 8, 13, 5, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    return AffordanceMap(codes, WORLD, differentiable)
+
+
+def nodes(painted: AffordanceMap) -> Tensor:
+    """Positions of the nodes, `[Y, X, 2]`."""
+    _, rows, columns, _ = painted.codes.shape
+    width, height = painted.world.size
+    y, x = torch.meshgrid(torch.linspace(0, height, rows), torch.linspace(0, width, columns), indexing="ij")
+    return torch.stack([x, y], dim=-1)
+
+
+def test_an_exact_code_is_the_member_s_own_code_of_the_view() -> None:
+    """Each member alone, each place alone."""
+    whole, positions = stack(*SEEDS), places(3, 4, 2)
+    codes = ExactLookup(whole, WORLD)(positions)
+    assert codes.shape == (3, 4, 2, 3)
+    for member, seed in enumerate(SEEDS):
+        alone = stack(seed)
+        for i in range(4):
+            for j in range(2):
+                code = alone.encode(take_apart(view(WORLD, positions[member, i, j])[None, None]))
+                torch.testing.assert_close(codes[member, i, j], code[0, 0])
+    assert (codes.std(dim=(1, 2)) > 1e-3).all()  # places differ, or this would show nothing
+
+
+def test_at_its_nodes_the_map_is_exact() -> None:
+    """Against the exact look-up, all members and all nodes, corners and borders included."""
+    whole = stack(*SEEDS)
+    painted = AffordanceMap.paint(whole, WORLD, spacing=0.1)
+    assert painted.codes.shape == (3, 21, 31, 3)
+    at_nodes = nodes(painted)
+    exact = ExactLookup(whole, WORLD)(at_nodes.expand(3, -1, -1, -1))
+    torch.testing.assert_close(painted.codes, exact)
+    torch.testing.assert_close(painted(at_nodes.expand(3, -1, -1, -1)), exact, atol=1e-4, rtol=0)
+    assert (exact.std(dim=(1, 2)) > 1e-3).all()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.5])
+def test_between_nodes_it_is_grid_sample(margin: float) -> None:
+    """torch's own bilinear interpolation, border replicated; float64."""
+    painted, positions = random_map(), places(3, 7, 11, margin=margin, dtype=torch.float64)
+    grid = 2 * positions / torch.tensor(WORLD.size) - 1
+    expected = torch.nn.functional.grid_sample(
+        painted.codes.permute(0, 3, 1, 2), grid, mode="bilinear", padding_mode="border", align_corners=True
+    )
+    torch.testing.assert_close(painted(positions), expected.permute(0, 2, 3, 1))
+
+
+def test_between_two_nodes_it_is_their_weighted_mean() -> None:
+    """Closed form, on one cell: rows are y, columns are x."""
+    codes = torch.tensor([[[[0.0], [1.0]], [[10.0], [31.0]]]])
+    painted = AffordanceMap(codes, Map((3.0, 2.0), 1, 0, ()))
+    found = painted(
+        torch.tensor([[[0.0, 0.0], [3.0, 0.0], [0.0, 2.0], [3.0, 2.0], [0.75, 0.0], [0.0, 0.5], [1.5, 1.0]]])
+    )
+    torch.testing.assert_close(found[0, :, 0], torch.tensor([0.0, 1.0, 10.0, 31.0, 0.25, 2.5, 10.5]))
+
+
+def test_a_finer_map_is_nearer_to_the_exact_one() -> None:
+    """On average over 600 places; the code jumps where a pixel does, so no single place need be."""
+    whole, positions = stack(*SEEDS), places(3, 600)
+    exact = ExactLookup(whole, WORLD)(positions)
+    errors = [
+        (AffordanceMap.paint(whole, WORLD, spacing)(positions) - exact).abs().mean().item()
+        for spacing in (0.2, 0.1, 0.05, 0.025)
+    ]
+    assert all(finer < 0.9 * coarser for coarser, finer in pairwise(errors)), errors
+    assert errors[-1] < 0.3 * errors[0], errors
+
+
+@pytest.mark.parametrize(
+    ("spacing", "columns", "rows"), [(0.5, 7, 5), (0.7, 6, 4), (0.45, 8, 6), (1.7, 3, 3), (5.0, 2, 2), (1e9, 2, 2)]
+)
+def test_nodes_are_at_most_the_spacing_apart(spacing: float, columns: int, rows: int) -> None:
+    """Counted by hand for 3 x 2 u: the smallest number of equal parts none of which is longer."""
+    painted = AffordanceMap.paint(stack(4), WORLD, spacing)
+    assert painted.codes.shape == (1, rows, columns, 3)
+    assert math.ceil(WORLD.size[0] / spacing) == columns - 1 and math.ceil(WORLD.size[1] / spacing) == rows - 1
+    assert painted(places(1, 5, margin=1)).isfinite().all()
+
+
+def test_the_configured_spacing_gives_the_nodes_one_expects() -> None:
+    """3 x 2 u at 0.01 u: 301 x 201 nodes, whatever 3 / 0.01 rounds to; the same for other decimal spacings."""
+    assert LookupSettings.load("lookup", "map").spacing == 0.01
+    nothing = stack(4, context_size=0)
+    for spacing, columns, rows in ((0.01, 301, 201), (0.02, 151, 101), (0.03, 101, 68), (0.04, 76, 51), (0.1, 31, 21)):
+        assert AffordanceMap.paint(nothing, WORLD, spacing).codes.shape == (1, rows, columns, 0)
+
+
+@pytest.mark.parametrize("kind", ["exact", "map"])
+def test_outside_the_arena_is_the_nearest_point_inside(kind: str) -> None:
+    """Against the clipped positions; far away and infinite ones too."""
+    whole = stack(*SEEDS)
+    lookup = make_lookup(LookupSettings.load("lookup", kind, spacing=0.1), whole, WORLD)
+    positions = places(3, 40, margin=1.0)
+    positions[:, 0] = torch.tensor([1e6, -1e6])
+    positions[:, 1] = torch.tensor([-torch.inf, torch.inf])
+    clipped = torch.stack([positions[..., 0].clamp(0, 3), positions[..., 1].clamp(0, 2)], dim=-1)
+    assert (clipped != positions).any()
+    assert torch.equal(inside(positions, WORLD), clipped)
+    assert torch.equal(lookup(positions), lookup(clipped))
+
+
+def finite_differences(lookup: Lookup, positions: Tensor, weights: Tensor, step: float = 1e-6) -> Tensor:
+    """Central differences of the weighted sum of codes, `[M, P, 2]`."""
+    columns = []
+    for axis in range(2):
+        offset = torch.zeros(2, dtype=positions.dtype)
+        offset[axis] = step
+        change = (lookup(positions + offset) - lookup(positions - offset)) / (2 * step)
+        columns.append((weights * change).sum(-1))
+    return torch.stack(columns, dim=-1)
+
+
+def test_gradients_are_those_of_finite_differences() -> None:
+    """Float64; inside cells (0.25 u and 2/7 u wide) and outside the arena, where the nearest point stays."""
+    painted = random_map(differentiable=True)
+    cell = torch.tensor([0.25, 2 / 7], dtype=torch.float64)
+    within = 0.1 + 0.8 * torch.rand(3, 30, 2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    which = torch.stack([torch.randint(0, n, (3, 30), generator=torch.Generator().manual_seed(n)) for n in (12, 7)], -1)
+    positions = (which + within) * cell
+    positions[:, 0, 0] = -0.2
+    positions[:, 1, 1] = 2.2
+    weights = torch.randn(3, 30, 5, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    expected = finite_differences(painted, positions, weights)
+    positions.requires_grad_()
+    (gradient,) = torch.autograd.grad((weights * painted(positions)).sum(), positions)
+    torch.testing.assert_close(gradient, expected, atol=1e-6, rtol=1e-6)
+    assert (gradient[:, 0, 0] == 0).all() and (gradient[:, 1, 1] == 0).all() and (gradient[:, 2:] != 0).all()
+
+
+@pytest.mark.parametrize("kind", ["exact", "map"])
+def test_no_gradients_flow_to_the_position_unless_asked_for(kind: str) -> None:
+    """The paper's do not (Figure 1): the codes are constants."""
+    lookup = make_lookup(LookupSettings.load("lookup", kind, spacing=0.5), stack(*SEEDS), WORLD)
+    assert not lookup(places(3, 5).requires_grad_()).requires_grad
+
+
+def test_asking_for_gradients_does_not_change_codes() -> None:
+    """Bit for bit."""
+    positions = places(3, 50, margin=0.3, dtype=torch.float64)
+    assert torch.equal(random_map(True)(positions.requires_grad_()).detach(), random_map(False)(positions))
+
+
+def test_members_of_a_map_see_their_own_codes() -> None:
+    """Together equals alone."""
+    together, positions = AffordanceMap.paint(stack(*SEEDS), WORLD, 0.2), places(3, 9, 2)
+    codes = together(positions)
+    for member, seed in enumerate(SEEDS):
+        alone = AffordanceMap.paint(stack(seed), WORLD, 0.2)
+        torch.testing.assert_close(together.codes[member], alone.codes[0])
+        torch.testing.assert_close(codes[member], alone(positions[member : member + 1])[0])
+    assert (codes[0] - codes[1]).abs().max() > 1e-2
+
+
+@pytest.mark.parametrize("kind", ["exact", "map"])
+def test_without_a_context_codes_are_empty(kind: str) -> None:
+    lookup = make_lookup(LookupSettings.load("lookup", kind, spacing=0.5), stack(4, 5, context_size=0), WORLD)
+    assert lookup(places(2, 3, 4)).shape == (2, 3, 4, 0)
+
+
+def test_make_lookup_makes_what_is_named() -> None:
+    """The configured files: an exact look-up, and a map of the spacing given, differentiable on request only."""
+    whole = stack(4)
+    assert isinstance(make_lookup(LookupSettings.load("lookup", "exact"), whole, WORLD), ExactLookup)
+    for differentiable in (False, True):
+        settings = LookupSettings.load("lookup", "map", spacing=0.5, differentiable=differentiable)
+        lookup = make_lookup(settings, whole, WORLD)
+        assert isinstance(lookup, AffordanceMap) and lookup.codes.shape == (1, 5, 7, 3)
+        assert lookup(places(1, 5).requires_grad_()).requires_grad == differentiable
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"spacing": 0.0}, "spacing = 0.0 is not allowed"),
+        ({"spacing": -0.01}, "spacing = -0.01 is not allowed"),
+        ({"kind": "nearest"}, "kind = 'nearest' is not allowed"),
+    ],
+)
+def test_bad_settings_are_named(changes: dict[str, Any], message: str) -> None:
+    """Golden parts of the message."""
+    with pytest.raises(ValueError, match=message):
+        LookupSettings.load("lookup", "map", **changes)
+
+
+def test_gradients_of_the_exact_look_up_are_refused() -> None:
+    """Golden message: value and remedy."""
+    settings = LookupSettings.load("lookup", "exact", differentiable=True)
+    with pytest.raises(ValueError, match=r"differentiable = True does not go with .*'exact'; take kind = 'map'"):
+        make_lookup(settings, stack(4), WORLD)

@@ -1,0 +1,64 @@
+"""References: differences known by construction, and SciPy's bootstrap."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from affmap.report import comparison
+
+
+def runs(shift: float, members: int = 8) -> pd.DataFrame:
+    """Two look-ups on the same starts; the exact one has distances larger by `shift` and a little noise."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for member in range(members):
+        for run in range(4):
+            distance, noise = rng.uniform(0.4, 0.6), rng.normal(0, 0.001)
+            for lookup, change in (("map", 0.0), ("exact", shift + noise)):
+                row = {"planner": "cem", "context_size": 8, "lookup": lookup, "member": member, "run": run}
+                rows.append({**row, "mean_distance": distance + change, "prediction_error": -9.0, "reached": True})
+    return pd.DataFrame(rows)
+
+
+def row(table: pd.DataFrame, metric: str) -> pd.Series:
+    return table.set_index("metric").loc[metric]
+
+
+@pytest.mark.parametrize(("shift", "within_noise"), [(0.0, True), (0.1, False)])
+def test_the_difference_is_that_of_the_construction(shift: float, within_noise: bool) -> None:
+    """By construction: the second value minus the first is `shift`, up to the noise of 0.001."""
+    distance = row(comparison.compare(runs(shift), "lookup"), "mean_distance")
+    assert (distance["a"], distance["b"], distance["members"]) == ("map", "exact", 8)
+    assert distance["difference"] == pytest.approx(shift, abs=0.001)
+    assert distance["difference"] == pytest.approx(distance["mean_b"] - distance["mean_a"])
+    assert bool(distance["within_noise"]) is within_noise
+
+
+def test_the_interval_is_scipys_over_members() -> None:
+    """Independent: `scipy.stats.bootstrap` of the members' mean differences."""
+    table = runs(0.1)
+    distance = row(comparison.compare(table, "lookup"), "mean_distance")
+    means = table.groupby(["member", "lookup"])["mean_distance"].mean().unstack()
+    difference = (means["exact"] - means["map"]).to_numpy()
+    expected = stats.bootstrap((difference,), np.mean, rng=np.random.default_rng(0)).confidence_interval
+    assert (distance["low"], distance["high"]) == pytest.approx((expected.low, expected.high))
+
+
+def test_no_difference_is_a_point_at_zero() -> None:
+    """Closed form: equal scores differ by zero, for certain."""
+    error = row(comparison.compare(runs(0.1), "lookup"), "prediction_error")
+    assert (error["difference"], error["low"], error["high"], error["within_noise"]) == (0, 0, 0, True)
+
+
+def test_one_value_is_nothing_to_compare() -> None:
+    with pytest.raises(ValueError, match="one value of 'lookup', 'map'"):
+        comparison.compare(runs(0.0).query("lookup == 'map'"), "lookup")
+
+
+def test_the_markdown_has_a_row_per_comparison() -> None:
+    """By hand: three metrics, a head of two lines."""
+    lines = comparison.markdown(comparison.compare(runs(0.1), "lookup")).splitlines()
+    assert len(lines) == 2 + 3
+    assert "| map | other |" in lines[0]
+    assert all(line.count("|") == 7 for line in lines)

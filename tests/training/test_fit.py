@@ -1,0 +1,333 @@
+"""A training from start to end: against a plain loop, against itself undisturbed, against the member alone."""
+
+import io
+import os
+import shutil
+import signal
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from torch.distributions import Normal
+
+from affmap.data.collect import Exploration, collect
+from affmap.data.module import DataModule, read
+from affmap.env import Layout, Vehicle
+from affmap.model.stack import ModelSettings, Stack
+from affmap.random import generator
+from affmap.training import fit as fit_module
+from affmap.training.fit import fit, restore, save
+from affmap.training.module import TrainingModule
+from affmap.training.settings import TrainingSettings
+
+EXPLORATION = Exploration.load("data", "default", num_sequences=8, num_validation=3, num_steps=24)
+SETTINGS = TrainingSettings.load("training", "default", num_epochs=4, batch_size=2, chunk_length=10)
+BATCHES_PER_EPOCH = 9  # batches of 2, 2 and 1 sequences, chunks of 10, 10 and 4 steps
+Weights = dict[str, torch.Tensor]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data") / "dataset.npz"
+    arrays = collect(Layout.load("layout", "original"), Vehicle.load("vehicle", "default"), EXPLORATION)
+    np.savez(path, **arrays)
+    return path
+
+
+def stack(seeds: tuple[int, ...] = (4, 5, 6), context_size: int = 3) -> Stack:
+    return Stack(ModelSettings.load("model", "default", context_size=context_size), 1, seeds)
+
+
+def train(
+    dataset: Path,
+    folder: Path,
+    seeds: tuple[int, ...] = (4, 5, 6),
+    settings: TrainingSettings = SETTINGS,
+    on_epoch: Callable[[int], None] = lambda epoch: None,
+) -> Path:
+    folder.mkdir(exist_ok=True)
+    data = DataModule(dataset, EXPLORATION, settings.batch_size, settings.chunk_length)
+    fit(stack(seeds), data, settings, folder, on_epoch)
+    return folder
+
+
+def weights(path: Path, seeds: tuple[int, ...] = (4, 5, 6)) -> Weights:
+    return restore(stack(seeds), path).state_dict()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return train(dataset, tmp_path_factory.mktemp("undisturbed"))
+
+
+FILES = {"weights.safetensors", "validation.csv", *(f"weights-epoch-00{epoch}.safetensors" for epoch in (1, 2, 4))}
+
+
+def assert_same(folder: Path, undisturbed: Path) -> None:
+    """The same files with the same bytes; no checkpoint, nothing half-written."""
+    assert {path.name for path in folder.iterdir()} == {path.name for path in undisturbed.iterdir()} == FILES
+    for name in FILES:
+        assert (folder / name).read_bytes() == (undisturbed / name).read_bytes(), name
+
+
+def test_snapshots_are_of_the_epochs_named_and_the_last(dataset: Path, undisturbed: Path, tmp_path: Path) -> None:
+    """A training that ends after two epochs has the weights of the snapshot; the last snapshot is the result."""
+    assert {path.name for path in undisturbed.iterdir()} == FILES
+    short = train(dataset, tmp_path, settings=SETTINGS.model_copy(update={"num_epochs": 2}))
+    for name, weight in weights(short / "weights.safetensors").items():
+        assert torch.equal(weight, weights(undisturbed / "weights-epoch-002.safetensors")[name])
+        assert torch.equal(
+            weights(undisturbed / "weights-epoch-004.safetensors")[name], weights(undisturbed / "weights.safetensors")[name]
+        )
+    assert not (short / "weights-epoch-004.safetensors").exists()
+
+
+def test_training_is_a_plain_loop(dataset: Path, undisturbed: Path) -> None:
+    """Appendix A written down for one member with PyTorch alone: two Adams, clipping, shuffled sequences in chunks."""
+    model, data = stack((5,)), read(dataset)
+    assert model.vision is not None
+    parts = [(model.transition, 0.008, 1.2), (model.vision, 0.00075, 2.0)]
+    adams = [torch.optim.Adam(part.parameters(), lr, (0.9, 0.999), 1e-4) for part, lr, _ in parts]
+    training_nll, validation_nll = [], []
+
+    def loss(sequences: list[int], start: int, end: int) -> torch.Tensor:
+        cut = (slice(None), sequences, slice(start, end))
+        code = model.encode(data.views.select(cut))
+        _, (mean, log_std) = model.transition.step((), code, data.delta[cut], data.action[cut])
+        return -Normal(mean, log_std.exp()).log_prob(data.target[cut]).sum(-1).mean()
+
+    for epoch in range(4):
+        order, losses = generator(0, "batch order", epoch).permutation(5).tolist(), []
+        for first in (0, 2, 4):
+            for start in (0, 10, 20):
+                value = loss(order[first : first + 2], start, min(start + 10, 24))
+                for adam in adams:
+                    adam.zero_grad()
+                value.backward()
+                for (part, _, max_norm), adam in zip(parts, adams, strict=True):
+                    torch.nn.utils.clip_grad_norm_(part.parameters(), max_norm)
+                    adam.step()
+                losses.append(value.item())
+        training_nll.append(np.mean(losses))
+        with torch.no_grad():
+            validation_nll.append(loss([5, 6, 7], 0, 24).item())
+    for name, weight in weights(undisturbed / "weights.safetensors").items():
+        torch.testing.assert_close(weight[1], model.state_dict()[name][0], rtol=1e-3, atol=1e-4, msg=name)
+    table = pd.read_csv(undisturbed / "validation.csv").query("member == 5")
+    np.testing.assert_allclose(table["training_nll"], training_nll, atol=1e-3)
+    np.testing.assert_allclose(table["validation_nll"], validation_nll, atol=1e-3)
+    assert np.ptp(validation_nll) > 0.1
+
+
+def test_the_table_of_losses(undisturbed: Path) -> None:
+    """Columns, members and epochs by hand; numbers with six digits."""
+    text = (undisturbed / "validation.csv").read_text()
+    table = pd.read_csv(io.StringIO(text))
+    assert text.startswith("member,epoch,training_nll,validation_nll\n4,1,")
+    assert table[["member", "epoch"]].to_numpy().tolist() == [[m, e] for m in (4, 5, 6) for e in (1, 2, 3, 4)]
+    assert np.isfinite(table.to_numpy()).all()
+    assert table["validation_nll"].nunique() == 12
+
+
+def test_validation_is_the_mean_over_all_validation_steps(dataset: Path, undisturbed: Path) -> None:
+    """By hand with the weights of each snapshot, over the last three sequences; chunks and batches differ in size."""
+    table = pd.read_csv(undisturbed / "validation.csv").set_index(["epoch", "member"])["validation_nll"]
+    data = read(dataset)
+    cut = (slice(None), slice(5, 8))
+    for epoch in (1, 2, 4):
+        model = restore(stack(), undisturbed / f"weights-epoch-00{epoch}.safetensors")
+        with torch.no_grad():
+            code = model.encode(data.views.select(cut))
+            _, (mean, log_std) = model.transition.step((), code, data.delta[cut], data.action[cut])
+        nll = -Normal(mean, log_std.exp()).log_prob(data.target[cut]).sum(-1).mean((1, 2))
+        np.testing.assert_allclose(table[epoch], nll, atol=2e-5)
+
+
+def test_a_member_trained_in_a_stack_is_the_seed_trained_alone(dataset: Path, undisturbed: Path, tmp_path: Path) -> None:
+    """To float rounding: matrices of other sizes are summed in another order."""
+    alone = train(dataset, tmp_path, (6,))
+    for name, weight in weights(alone / "weights.safetensors", (6,)).items():
+        torch.testing.assert_close(weights(undisturbed / "weights.safetensors")[name][2:], weight, rtol=1e-3, atol=1e-4)
+    together, single = (pd.read_csv(folder / "validation.csv") for folder in (undisturbed, alone))
+    expected = together.query("member == 6").to_numpy()
+    np.testing.assert_allclose(single.to_numpy(), expected, atol=1e-3)
+
+
+class Killed(Exception):
+    """Stands for a power cut."""
+
+
+def killed(dataset: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, updates: int) -> None:
+    """A training that ends in the middle, after so many updates of its own."""
+    counter = iter(range(updates))
+    step = TrainingModule.training_step
+
+    def stop(self: TrainingModule, *arguments: object) -> torch.Tensor:
+        if next(counter, None) is None:
+            raise Killed
+        return step(self, *arguments)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(TrainingModule, "training_step", stop)
+        train(dataset, folder)
+
+
+def test_a_training_killed_once_or_twice_gives_what_it_would_have(
+    dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Undisturbed training, bit by bit; killed in the first epoch, in the middle of the third, and once more."""
+    killed(dataset, tmp_path, monkeypatch, 5)
+    assert not (tmp_path / "last.ckpt").exists()
+    killed(dataset, tmp_path, monkeypatch, 2 * BATCHES_PER_EPOCH + 5)
+    assert {path.name for path in tmp_path.iterdir()} >= {"last.ckpt"}
+    killed(dataset, tmp_path, monkeypatch, BATCHES_PER_EPOCH + 1)  # now in the fourth
+    epochs: list[int] = []
+    train(dataset, tmp_path, on_epoch=epochs.append)
+    assert epochs == [4]  # nothing was trained again
+    assert_same(tmp_path, undisturbed)
+
+
+@pytest.mark.parametrize("last", [1, 3, 4])
+def test_a_training_killed_between_epochs_gives_what_it_would_have(
+    dataset: Path, undisturbed: Path, tmp_path: Path, last: int
+) -> None:
+    """Undisturbed training, bit by bit; also when the last epoch was done, and when the folder was moved since."""
+
+    def stop(epoch: int) -> None:
+        if epoch == last:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(dataset, tmp_path / "here", on_epoch=stop)
+    assert not (tmp_path / "here" / "weights.safetensors").exists()
+    shutil.move(tmp_path / "here", tmp_path / "there")
+    epochs: list[int] = []
+    train(dataset, tmp_path / "there", on_epoch=epochs.append)
+    assert epochs == list(range(last + 1, 5))
+    assert_same(tmp_path / "there", undisturbed)
+
+
+def test_a_kill_while_the_checkpoint_is_written_costs_an_epoch_at_most(
+    dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The checkpoint before it is whole: undisturbed training, bit by bit."""
+    write = fit_module.lightning.Trainer.save_checkpoint
+
+    def half(self: object, path: Path) -> None:
+        if (tmp_path / "last.ckpt").exists():
+            Path(path).write_bytes(b"PK half a checkpoint")
+            raise Killed
+        write(self, path)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(fit_module.lightning.Trainer, "save_checkpoint", half)
+        train(dataset, tmp_path)
+    epochs: list[int] = []
+    train(dataset, tmp_path, on_epoch=epochs.append)
+    assert epochs == [2, 3, 4]
+    assert_same(tmp_path, undisturbed)
+
+
+def test_a_kill_while_the_results_are_written_costs_nothing(
+    dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Weights are there, the table is not: the next run writes both."""
+
+    def stop(module: TrainingModule) -> pd.DataFrame:
+        raise Killed
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(fit_module, "losses", stop)
+        train(dataset, tmp_path)
+    epochs: list[int] = []
+    train(dataset, tmp_path, on_epoch=epochs.append)
+    assert epochs == []
+    assert_same(tmp_path, undisturbed)
+
+
+def test_ctrl_c_is_no_end_of_a_training(dataset: Path, tmp_path: Path) -> None:
+    """Lightning catches it: it must come out again, and no half-trained weights may look finished."""
+
+    def interrupt(epoch: int) -> None:
+        raise KeyboardInterrupt
+
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        with pytest.raises((KeyboardInterrupt, SystemExit)):
+            train(dataset, tmp_path, on_epoch=interrupt)
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "validation.csv").exists()
+
+
+def test_each_epoch_asks_for_its_own_order(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Epochs 0, 1, 2, ... as Lightning asks; a training that is resumed goes on with the next."""
+    asked: list[int] = []
+
+    def note(seed: int, name: str, epoch: int) -> np.random.Generator:
+        asked.append(epoch)
+        return generator(seed, name, epoch)
+
+    def stop(epoch: int) -> None:
+        if epoch == 2:
+            raise Killed
+
+    monkeypatch.setattr("affmap.data.module.generator", note)
+    with pytest.raises(Killed):
+        train(dataset, tmp_path, (0,), on_epoch=stop)
+    assert asked == [0, 1]
+    asked.clear()
+    train(dataset, tmp_path, (0,))
+    assert asked[-2:] == [2, 3]  # before, it asks once for what the checkpoint says
+
+
+def test_nothing_is_written_elsewhere_and_nobody_is_warned(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The working folder stays empty, and so does the terminal; also on a machine of many cores, where Lightning
+    would advise more helpers."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(16)), raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 16)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        train(dataset, tmp_path / "run", (0,), SETTINGS.model_copy(update={"num_epochs": 1}))
+    assert not [str(warning.message) for warning in warned]
+    assert not list((tmp_path / "elsewhere").iterdir())
+    captured = capfd.readouterr()
+    assert captured.out == captured.err == ""
+
+
+def test_training_does_not_depend_on_global_randomness(dataset: Path, undisturbed: Path, tmp_path: Path) -> None:
+    """Undisturbed training, bit by bit, after other seeds were set."""
+    torch.manual_seed(123)
+    np.random.seed(123)
+    assert_same(train(dataset, tmp_path), undisturbed)
+
+
+def test_saved_weights_come_back(tmp_path: Path) -> None:
+    """Bit by bit, into a stack of other seeds; a stack of another shape refuses them."""
+    original = stack((1, 2))
+    save(original, tmp_path / "weights.safetensors")
+    other = restore(stack((8, 9)), tmp_path / "weights.safetensors")
+    assert not other.training
+    for name, weight in original.state_dict().items():
+        assert torch.equal(other.state_dict()[name], weight), name
+    for wrong in (stack((1, 2, 3)), stack((1, 2), context_size=5), stack((1, 2), context_size=0)):
+        with pytest.raises(RuntimeError, match=r"(size mismatch|Unexpected key)"):
+            restore(wrong, tmp_path / "weights.safetensors")

@@ -1,0 +1,142 @@
+"""Losses, clipping and optimiser of a stack: each member is what it would be alone in plain PyTorch."""
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.distributions import Normal
+
+from affmap.data.module import Batch
+from affmap.model.stack import ModelSettings, Stack
+from affmap.model.windows import take_apart
+from affmap.training.module import TrainingModule, clip_per_member
+from affmap.training.settings import TrainingSettings
+
+
+def module(context_size: int = 3, seeds: tuple[int, ...] = (0, 1, 2), **changes: Any) -> TrainingModule:
+    stack = Stack(ModelSettings.load("model", "default", context_size=context_size), 1, seeds)
+    return TrainingModule(stack, TrainingSettings.load("training", "default", **changes))
+
+
+def batch(is_first: bool = True, seed: int = 0) -> Batch:
+    """Four sequences of six steps."""
+    generator = torch.Generator().manual_seed(seed)
+    views = torch.rand(1, 4, 6, 1, 11, 11, generator=generator) < 0.3
+    delta, target = (0.1 * torch.randn(1, 4, 6, 2, generator=generator) for _ in range(2))
+    return Batch(take_apart(views), delta, torch.rand(1, 4, 6, 4, generator=generator), target, is_first)
+
+
+@pytest.mark.parametrize("context_size", [0, 3])
+def test_the_loss_is_the_mean_over_the_batch_of_the_sum_over_coordinates(context_size: int) -> None:
+    """`torch.distributions`; the loss of the step is the sum over members."""
+    trained, data = module(context_size), batch()
+    _, prediction = trained.stack.transition.step((), trained.stack.encode(data.views), data.delta, data.action)
+    density = Normal(prediction.mean, prediction.log_std.exp()).log_prob(data.target)  # [M, B, T, 2]
+    expected = -density.sum(-1).mean((1, 2))
+    torch.testing.assert_close(trained.loss(data), expected)
+    torch.testing.assert_close(trained.training_step(data, 0), expected.sum())
+
+
+def test_gradients_of_a_member_are_those_of_the_member_alone() -> None:
+    """A stack of one with the same seed."""
+    together = module(3, (5, 6, 7))
+    together.training_step(batch(), 0).backward()
+    for member, seed in enumerate((5, 6, 7)):
+        alone = module(3, (seed,))
+        alone.training_step(batch(), 0).backward()
+        for (name, mine), its in zip(together.named_parameters(), alone.parameters(), strict=True):
+            assert mine.grad is not None and its.grad is not None and its.grad.abs().max() > 0
+            torch.testing.assert_close(mine.grad[member], its.grad[0], rtol=1e-4, atol=1e-6, msg=name)
+
+
+def gradients(seed: int) -> list[Tensor]:
+    """Of three members, of very different size."""
+    generator = torch.Generator().manual_seed(seed)
+    size = torch.tensor([1e-3, 0.3, 50.0])
+    shapes = [(3, 4, 5), (3, 7), (3, 2, 3, 3, 3)]
+    return [torch.randn(*s, generator=generator) * size.view(-1, *[1] * (len(s) - 1)) for s in shapes]
+
+
+@pytest.mark.parametrize("max_norm", [0.1, 1.2, 2.0])
+def test_clipping_is_torch_s_for_each_member(max_norm: float) -> None:
+    """`torch.nn.utils.clip_grad_norm_` on each member's gradients alone; some of them are not clipped."""
+    clipped = gradients(0)
+    clip_per_member(clipped, max_norm)
+    norms = []
+    for member in range(3):
+        alone = [torch.nn.Parameter(torch.zeros_like(gradient[member])) for gradient in clipped]
+        for parameter, gradient in zip(alone, gradients(0), strict=True):
+            parameter.grad = gradient[member]
+        norms.append(torch.nn.utils.clip_grad_norm_(alone, max_norm).item())
+        for gradient, parameter in zip(clipped, alone, strict=True):
+            torch.testing.assert_close(gradient[member], parameter.grad)
+    assert norms[0] < max_norm < norms[2]
+
+
+def test_a_member_that_is_lost_takes_no_other_with_it() -> None:
+    """NaN gradients of one member: the others' are as if it were not there."""
+    broken, whole = gradients(0), gradients(0)
+    broken[1][0] = torch.nan
+    for parts in (broken, whole):
+        clip_per_member(parts, 1.2)
+    for one, other in zip(broken, whole, strict=True):
+        torch.testing.assert_close(one[1:], other[1:], rtol=0, atol=0)
+
+
+def test_sub_models_are_clipped_apart_by_the_paper_s_norms() -> None:
+    """Appendix A: 1.2 for the transition model, 2 for the vision model, over all of its parameters together."""
+    trained = module()
+    for parameter in trained.parameters():
+        parameter.grad = torch.full_like(parameter, 3.0)
+    optimizer = trained.configure_optimizers()
+    trained.configure_gradient_clipping(optimizer, gradient_clip_val=None, gradient_clip_algorithm=None)
+    assert trained.stack.vision is not None
+    for part, max_norm in ((trained.stack.transition, 1.2), (trained.stack.vision, 2.0)):
+        for member in range(3):
+            total = sum(p.grad[member].square().sum().item() for p in part.parameters() if p.grad is not None)
+            assert total**0.5 == pytest.approx(max_norm, rel=1e-5)
+
+
+def test_one_adam_with_the_paper_s_numbers_for_each_sub_model() -> None:
+    """Appendix A, written out."""
+    trained = module()
+    optimizer = trained.configure_optimizers()
+    assert isinstance(optimizer, torch.optim.Adam) and trained.stack.vision is not None
+    transition, vision = optimizer.param_groups
+    assert (transition["lr"], vision["lr"]) == (0.008, 0.00075)
+    for group, part in ((transition, trained.stack.transition), (vision, trained.stack.vision)):
+        assert [id(p) for p in group["params"]] == [id(p) for p in part.parameters()]
+        assert (group["betas"], group["eps"]) == ((0.9, 0.999), 1e-4)
+        assert (group["weight_decay"], group["amsgrad"]) == (0, False)
+
+
+def test_without_a_context_there_is_one_group() -> None:
+    """No vision model: nothing to train or clip there."""
+    trained = module(0)
+    (group,) = trained.configure_optimizers().param_groups
+    assert sum(parameter[0].numel() for parameter in group["params"]) == 324 and group["lr"] == 0.008
+
+
+class Remembering(torch.nn.Module):
+    """A transition model that counts the chunks since the beginning of the sequences, in a carry with a gradient."""
+
+    def __init__(self, inner: torch.nn.Module) -> None:
+        super().__init__()
+        self.inner, self.seen = inner, []
+
+    def initial(self) -> tuple[Tensor]:
+        return (torch.zeros(3, requires_grad=True),)
+
+    def unroll(self, carry: tuple[Tensor], *inputs: Tensor) -> Any:
+        self.seen.append((carry[0][0].item(), carry[0].grad_fn))
+        return (carry[0] + 1,), self.inner.unroll((), *inputs)[1]  # type: ignore[operator]
+
+
+def test_a_carry_goes_from_chunk_to_chunk_without_its_gradient_and_begins_anew() -> None:
+    """Counted by hand: what a recurrent transition model would get in chunks 1, 2, 3 and again 1."""
+    trained = module(0)
+    trained.stack.transition = memory = Remembering(trained.stack.transition)  # type: ignore[assignment]
+    for is_first in (True, False, False, True):
+        trained.training_step(batch(is_first), 0)
+    assert memory.seen == [(0.0, None), (1.0, None), (2.0, None), (0.0, None)]
