@@ -55,7 +55,7 @@ class Config(Settings):
     """Folder of the stages."""
     reference: Path
     """Folder of the reference run's stages."""
-    sweep: Mapping[str, str]
+    sweep: Mapping[str, str | int]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
     layout: Layout
     vehicle: Vehicle

@@ -88,7 +88,7 @@ def _control(config: Config, train: Path, folder: Path) -> None:
     agent = Agent(stack, make_lookup(config.lookup, stack, config.layout.map), config.planner, config.control)
     num_runs = config.members * config.control.runs_per_member
     with track(f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps") as update:
-        runs = control(agent, config.seeds, config.layout, config.vehicle, config.control, update)
+        runs = control(agent, config.layout, config.vehicle, config.control, update)
     setting: dict[str, str | int] = {
         "layout": config.layout.name,
         "planner": config.planner.kind,

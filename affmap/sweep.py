@@ -21,9 +21,7 @@ def complete(overrides: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: several experiments at once.
     """
-    parsed = {
-        override.get_key_element(): override for override in OverridesParser.create().parse_overrides([*overrides])
-    }
+    parsed = {override.key_or_group: override for override in OverridesParser.create().parse_overrides([*overrides])}
     if "experiment" in parsed and parsed["experiment"].is_sweep_override():
         raise ConfigError("experiment takes one name at a time; run several experiments one after the other.")
     single = [str(override.input_line) for override in parsed.values() if not override.is_sweep_override()]

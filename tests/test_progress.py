@@ -1,11 +1,11 @@
 """Progress: plain lines at the right times with the right estimate, a bar in a terminal only."""
 
 import io
+import multiprocessing
 import sys
 
 import pytest
 
-from affmap import progress
 from affmap.progress import track
 
 
@@ -21,7 +21,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(progress.time, "monotonic", clock)
+    monkeypatch.setattr("affmap.progress.time.monotonic", clock)
     return clock
 
 
@@ -84,7 +84,7 @@ def test_a_worker_draws_no_bar(monkeypatch: pytest.MonkeyPatch, caplog: pytest.L
     """Workers of a sweep share the terminal: plain lines there."""
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdout", terminal)
-    monkeypatch.setattr(progress.multiprocessing.current_process(), "_name", "LokyProcess-1")
+    monkeypatch.setattr(multiprocessing.current_process(), "_name", "LokyProcess-1")
     with caplog.at_level("INFO", logger="affmap"), track("flying", 7, "steps") as update:
         update(1)
     assert terminal.getvalue() == "" and caplog.messages == ["flying: 7 steps"]

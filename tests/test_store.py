@@ -17,7 +17,9 @@ from hypothesis import strategies as st
 from affmap.store import PROVENANCE, Stage, Store, canonical
 
 scalars = st.none() | st.booleans() | st.integers(-5, 5) | st.floats(allow_nan=False, allow_infinity=False) | st.text()
-values = st.recursive(scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3), max_leaves=6)
+values = st.recursive(
+    scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3), max_leaves=6
+)
 STAGE = Stage("train", {"seed": 3, "model": {"context_size": 8, "widths": [1, 2.5]}})
 
 

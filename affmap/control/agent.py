@@ -73,6 +73,11 @@ class Agent:
         self._stack = stack.requires_grad_(False)
         self._lookup, self._planner, self._settings = lookup, planner, settings
 
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The members' own seeds, M of them."""
+        return self._stack.seeds
+
     def initial(self, num_problems: int) -> Any:
         """The planner's state before the first step, for B problems."""
         return self._planner.initial(num_problems, self._settings.device)

@@ -30,18 +30,17 @@ class Runs(NamedTuple):
 
 def control(
     agent: Agent,
-    seeds: Sequence[int],
     layout: Layout,
     vehicle: Vehicle,
     settings: ControlSettings,
     on_step: Callable[[int], None] = lambda step: None,
 ) -> Runs:
-    """Let `agent`, a stack of the members `seeds`, fly all its runs.
+    """Let every member of `agent` fly all its runs.
 
     Start, goal and everything random in a run depend on the member and the number of the run only, so that planners,
     look-ups and context sizes are compared on the same starts and goals. `on_step` is called with the steps done.
     """
-    pairs = [(seed, run) for seed in seeds for run in range(settings.runs_per_member)]
+    pairs = [(seed, run) for seed in agent.seeds for run in range(settings.runs_per_member)]
     envs = [VehicleEnv(layout, vehicle, settings.goal_radius) for _ in pairs]
     generators = [torch.Generator().manual_seed(integer(seed, "planner", run)) for seed, run in pairs]
     starts = [

@@ -1,5 +1,6 @@
 """Batches: changes of position aligned with actions, each sequence once an epoch, cut in order of time."""
 
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -104,7 +105,7 @@ def test_each_epoch_holds_every_step_of_every_sequence_once_and_in_order(
         pairs = [(sequence, step) for sequences, steps, _ in found for sequence in sequences for step in steps]
         assert sorted(pairs) == [(sequence, step) for sequence in expected for step in range(NUM_STEPS)]
         assert all(len(sequences) <= batch_size and len(steps) <= chunk_length for sequences, steps, _ in found)
-        for (before, steps_before, _), (sequences, steps, is_first) in zip(found, found[1:], strict=False):
+        for (before, steps_before, _), (sequences, steps, is_first) in pairwise(found):
             if is_first:
                 assert steps[0] == 0 and steps_before[-1] == NUM_STEPS - 1 and not set(sequences) & set(before)
             else:
@@ -114,7 +115,9 @@ def test_each_epoch_holds_every_step_of_every_sequence_once_and_in_order(
 
 def test_the_order_follows_from_seed_and_epoch_alone(path: Path) -> None:
     """Same again, with other batches, and whatever was asked for before; other seeds and epochs have others."""
-    orders = {(seed, epoch): order(module(path, epoch, seed=seed).train_dataloader()) for seed in (0, 1) for epoch in range(4)}
+    orders = {
+        (seed, epoch): order(module(path, epoch, seed=seed).train_dataloader()) for seed in (0, 1) for epoch in range(4)
+    }
     assert len({tuple(sequences) for sequences in orders.values()}) == len(orders)
     for (seed, epoch), sequences in orders.items():
         assert order(module(path, epoch, 3, 25, seed=seed).train_dataloader()) == sequences

@@ -50,9 +50,7 @@ def assert_plain(model: VisionModel, codes: Tensor, views: Tensor) -> None:
         (expected * slope[member]).sum().backward()
         for (name, parameter), copy in zip(sorted(model.named_parameters()), own, strict=True):
             assert parameter.grad is not None and copy.grad is not None and copy.grad.abs().max() > 0
-            torch.testing.assert_close(
-                parameter.grad[member], copy.grad, rtol=1e-3, atol=2e-5, msg=lambda text, name=name: f"{name}: {text}"
-            )
+            torch.testing.assert_close(parameter.grad[member], copy.grad, rtol=1e-3, atol=2e-5, msg=name)
 
 
 @pytest.mark.parametrize("channels", CHANNELS)
@@ -98,7 +96,7 @@ def test_values_and_gradients_with_views_of_each_member_s_own(context_size: int,
 @pytest.mark.parametrize("channels", CHANNELS)
 @pytest.mark.parametrize("context_size", CONTEXT_SIZES)
 def test_values_and_gradients_with_shared_views_of_a_real_world(context_size: int, channels: int) -> None:
-    """Plain torch layers for each member; ties in the pooling abound here, and go to the first as torch's do."""
+    """Plain torch layers for each member; equal patches, and so ties in the pooling, abound here."""
     model = vision(context_size, channels)
     views = real_views(40, channels)[None]
     codes = model.encode(take_apart(views))

@@ -163,6 +163,14 @@ def test_truncated_normal_is_drawing_again(mean: float, std: float) -> None:
     assert len(found.unique()) > 19_900  # nothing piles up at the bounds
 
 
+def test_rounding_leaves_no_truncated_normal_outside() -> None:
+    """[0, 1], at the smallest and the largest number that `torch.rand` returns, for ten thousand distributions."""
+    generator = torch.Generator().manual_seed(0)
+    mean, width = torch.rand(10_000, 1, generator=generator), torch.rand(10_000, 1, generator=generator)
+    found = truncated_normal(mean, 10 ** (4 * width - 3), torch.tensor([0.0, 2.0**-24, 1 - 2.0**-24]))
+    assert ((found >= 0) & (found <= 1)).all()
+
+
 @pytest.mark.parametrize("mean", [0.0, 0.3, 0.5, 1.0])
 @pytest.mark.parametrize("std", [0.0, 1e-30, 1e-6])
 def test_a_narrow_truncated_normal_is_its_mean(mean: float, std: float) -> None:

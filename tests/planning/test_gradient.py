@@ -194,7 +194,7 @@ def test_a_state_is_not_changed_by_planning_from_it() -> None:
     assert torch.equal(first, second) and torch.equal(state.actions, before)
 
 
-@pytest.mark.parametrize("kind", ["cost", "gradient", "later"])
+@pytest.mark.parametrize("kind", ["cost", "gradient", "both", "later"])
 def test_what_is_not_a_number_does_not_reach_actions_or_neighbours(kind: str) -> None:
     """The neighbours plan as if alone; the problem itself keeps its last good actions."""
     targets, weights = quadratics(0)
@@ -206,8 +206,9 @@ def test_what_is_not_a_number_does_not_reach_actions_or_neighbours(kind: str) ->
         costs = plain_objective(actions)
         if kind == "cost":
             return costs + torch.where(hit, (actions - 2).log().sum((-1, -2)), 0.0)
-        if kind == "gradient":  # the root of zero: a finite value with an infinite slope, times zero
-            return costs + torch.where(hit[..., None, None], actions * 0, 1.0).sqrt().sum((-1, -2))
+        if kind in ("gradient", "both"):  # the root of zero: a finite value with an infinite slope, times zero
+            costs = costs + torch.where(hit[..., None, None], actions * 0, 1.0).sqrt().sum((-1, -2))
+            return torch.where(hit, torch.nan, 0.0) + costs if kind == "both" else costs
         moved = (actions - 0.5).abs().amax((-1, -2)) > 0.02
         return torch.where(hit & moved, torch.nan, costs)
 
@@ -223,7 +224,7 @@ def test_what_is_not_a_number_does_not_reach_actions_or_neighbours(kind: str) ->
         assert plan.cost[2] == plain_objective(plan.actions[:, None])[2, 0]
     else:
         assert torch.equal(plan.actions[2], torch.full((H, 4), 0.5))
-        assert plan.cost[2].isinf() == (kind == "cost")
+        assert plan.cost[2].isinf() == (kind != "gradient")
 
 
 def test_gradients_are_taken_whatever_the_surroundings_and_leave_none_behind() -> None:

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import lightning
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,7 +20,6 @@ from affmap.data.module import DataModule, read
 from affmap.env import Layout, Vehicle
 from affmap.model.stack import ModelSettings, Stack
 from affmap.random import generator
-from affmap.training import fit as fit_module
 from affmap.training.fit import fit, restore, save
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
@@ -42,7 +42,7 @@ def one_thread() -> Iterator[None]:
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("data") / "dataset.npz"
     arrays = collect(Layout.load("layout", "original"), Vehicle.load("vehicle", "default"), EXPLORATION)
-    np.savez(path, **arrays)
+    np.savez(path, allow_pickle=False, **arrays)
     return path
 
 
@@ -89,7 +89,8 @@ def test_snapshots_are_of_the_epochs_named_and_the_last(dataset: Path, undisturb
     for name, weight in weights(short / "weights.safetensors").items():
         assert torch.equal(weight, weights(undisturbed / "weights-epoch-002.safetensors")[name])
         assert torch.equal(
-            weights(undisturbed / "weights-epoch-004.safetensors")[name], weights(undisturbed / "weights.safetensors")[name]
+            weights(undisturbed / "weights-epoch-004.safetensors")[name],
+            weights(undisturbed / "weights.safetensors")[name],
         )
     assert not (short / "weights-epoch-004.safetensors").exists()
 
@@ -155,7 +156,9 @@ def test_validation_is_the_mean_over_all_validation_steps(dataset: Path, undistu
         np.testing.assert_allclose(table[epoch], nll, atol=2e-5)
 
 
-def test_a_member_trained_in_a_stack_is_the_seed_trained_alone(dataset: Path, undisturbed: Path, tmp_path: Path) -> None:
+def test_a_member_trained_in_a_stack_is_the_seed_trained_alone(
+    dataset: Path, undisturbed: Path, tmp_path: Path
+) -> None:
     """To float rounding: matrices of other sizes are summed in another order."""
     alone = train(dataset, tmp_path, (6,))
     for name, weight in weights(alone / "weights.safetensors", (6,)).items():
@@ -165,7 +168,7 @@ def test_a_member_trained_in_a_stack_is_the_seed_trained_alone(dataset: Path, un
     np.testing.assert_allclose(single.to_numpy(), expected, atol=1e-3)
 
 
-class Killed(Exception):
+class Killed(Exception):  # noqa: N818
     """Stands for a power cut."""
 
 
@@ -179,9 +182,10 @@ def killed(dataset: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, updates
             raise Killed
         return step(self, *arguments)  # type: ignore[arg-type]
 
-    with monkeypatch.context() as patch, pytest.raises(Killed):
+    with monkeypatch.context() as patch:
         patch.setattr(TrainingModule, "training_step", stop)
-        train(dataset, folder)
+        with pytest.raises(Killed):
+            train(dataset, folder)
 
 
 def test_a_training_killed_once_or_twice_gives_what_it_would_have(
@@ -223,17 +227,18 @@ def test_a_kill_while_the_checkpoint_is_written_costs_an_epoch_at_most(
     dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The checkpoint before it is whole: undisturbed training, bit by bit."""
-    write = fit_module.lightning.Trainer.save_checkpoint
+    write = lightning.Trainer.save_checkpoint
 
-    def half(self: object, path: Path) -> None:
+    def half(self: lightning.Trainer, path: Path) -> None:
         if (tmp_path / "last.ckpt").exists():
             Path(path).write_bytes(b"PK half a checkpoint")
             raise Killed
-        write(self, path)  # type: ignore[arg-type]
+        write(self, path)
 
-    with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(fit_module.lightning.Trainer, "save_checkpoint", half)
-        train(dataset, tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(lightning.Trainer, "save_checkpoint", half)
+        with pytest.raises(Killed):
+            train(dataset, tmp_path)
     epochs: list[int] = []
     train(dataset, tmp_path, on_epoch=epochs.append)
     assert epochs == [2, 3, 4]
@@ -248,9 +253,10 @@ def test_a_kill_while_the_results_are_written_costs_nothing(
     def stop(module: TrainingModule) -> pd.DataFrame:
         raise Killed
 
-    with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(fit_module, "losses", stop)
-        train(dataset, tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr("affmap.training.fit.losses", stop)
+        with pytest.raises(Killed):
+            train(dataset, tmp_path)
     epochs: list[int] = []
     train(dataset, tmp_path, on_epoch=epochs.append)
     assert epochs == []
@@ -272,9 +278,7 @@ def test_ctrl_c_is_no_end_of_a_training(dataset: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "validation.csv").exists()
 
 
-def test_each_epoch_asks_for_its_own_order(
-    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_epoch_asks_for_its_own_order(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Epochs 0, 1, 2, ... as Lightning asks; a training that is resumed goes on with the next."""
     asked: list[int] = []
 

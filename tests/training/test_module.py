@@ -123,7 +123,8 @@ class Remembering(torch.nn.Module):
 
     def __init__(self, inner: torch.nn.Module) -> None:
         super().__init__()
-        self.inner, self.seen = inner, []
+        self.inner = inner
+        self.seen: list[tuple[float, Any]] = []
 
     def initial(self) -> tuple[Tensor]:
         return (torch.zeros(3, requires_grad=True),)

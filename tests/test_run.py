@@ -1,0 +1,331 @@
+"""The commands at the tiniest scale: complete, resumable, brief where all is done, clear in errors."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+import yaml
+
+from affmap import run, sweep
+from affmap.config import Config
+from affmap.env import Layout
+from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
+from affmap.settings import ConfigError
+
+COMMAND = Path(sys.executable).parent / "affmap"
+TINY = [
+    "scale=smoke",
+    "members=2",
+    "data.num_sequences=4",
+    "data.num_validation=1",
+    "data.num_steps=20",
+    "training.num_epochs=2",
+    "control.num_steps=3",
+    "report.map_spacing=0.25",
+    "lookup.spacing=0.25",
+    "hydra.launcher.n_jobs=1",
+]
+SWEEP = ["planner=cem", "model.context_size=0,1"]
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "200"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """`run` sets the number of threads of its process."""
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+
+
+def line(folder: Path, *overrides: str) -> list[str]:
+    places = [f"store={folder / 'store'}", f"reference={folder / 'reference'}", f"output={folder / 'output'}"]
+    return [*TINY, *places, *overrides]
+
+
+def command(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
+    folder.mkdir(exist_ok=True)
+    return subprocess.run(
+        [COMMAND, *line(folder, *overrides)], cwd=folder, capture_output=True, text=True, env=ENVIRONMENT, timeout=120
+    )
+
+
+def in_process(monkeypatch: pytest.MonkeyPatch, entry: str, arguments: Sequence[str]) -> int:
+    """The same function that the console script calls, with these arguments; its exit status."""
+    monkeypatch.setattr(sys, "argv", [entry, *arguments])
+    try:
+        {"affmap": run.main, "affmap-report": run.report, "affmap-publish": run.publish}[entry]()
+    except SystemExit as leaving:
+        return int(leaving.code or 0)
+    return 0
+
+
+def contents(folder: Path) -> dict[str, tuple[int, bytes]]:
+    """Every file: when it was written, and what it holds."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    return {str(path.relative_to(folder)): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+
+
+def jobs(folder: Path, *overrides: str) -> list[Config]:
+    return sweep.jobs(sweep.complete(line(folder, *overrides)))
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep of two context sizes, as the console script leaves it."""
+    folder = tmp_path_factory.mktemp("swept")
+    result = command(folder, *SWEEP)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "Traceback" not in result.stdout + result.stderr and "Warning" not in result.stdout + result.stderr
+    for told in ("exploration of original: 4 sequences", "training of 2 members", "control", "complete"):
+        assert told in result.stdout
+    return folder
+
+
+def test_a_sweep_completes_every_stage_once(swept: Path) -> None:
+    """One data set, two of everything else; every folder whole, nothing half-made, nothing written elsewhere."""
+    counts = {"data": 1, "train": 2, "map": 2, "control": 2}
+    assert {path.name for path in (swept / "store").iterdir()} == set(counts)
+    for stage, count in counts.items():
+        folders = [path for path in (swept / "store" / stage).iterdir() if path.suffix != ".lock"]
+        assert len(folders) == count
+        for folder in folders:
+            record = json.loads((folder / "provenance.json").read_text())
+            assert record["digest"] == folder.name and record["stage"] == stage
+            assert record["command"].startswith("affmap ")
+    assert {path.name for path in swept.iterdir()} == {"store", "output"}
+
+
+def test_hydra_ran_the_jobs_that_were_checked(swept: Path) -> None:
+    """Hydra's own record of the overrides of each job, against our expansion."""
+    found = [yaml.safe_load(path.read_text()) for path in (swept / "output").rglob(".hydra/overrides.yaml")]
+    expected = [[*line(swept)[:-4], *line(swept)[-3:], "planner=cem", f"model.context_size={c}"] for c in (0, 1)]
+    assert sorted(found) == sorted(expected)
+    assert [config.model.context_size for config in jobs(swept, *SWEEP)] == [0, 1]
+    logs = [path.read_text() for path in (swept / "output").rglob("affmap.log")]
+    assert len(logs) == 2 and all("complete" in text for text in logs)
+
+
+def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
+    """Columns of the report's own list, a row for each run; arrays in the shapes that it documents."""
+    results = Results(tuple(job for config in jobs(swept, *SWEEP) if (job := run._find(config))))
+    assert list(results.runs.columns) == RUN_COLUMNS
+    rows = results.runs[["context_size", "planner", "member", "run"]].to_numpy().tolist()
+    assert rows == [[c, "cem", m, r] for c in (0, 1) for m in (0, 1) for r in range(4)]
+    assert set(results.validation.columns) == {"context_size", *VALIDATION_COLUMNS}
+    assert len(results.validation) == 2 * 2 * 2
+    trajectories = results.trajectories(1, "cem")
+    assert trajectories is not None
+    assert trajectories.position.shape == (8, 4, 2) and trajectories.planned_position.shape == (8, 3, 20, 2)
+    layout = Layout.load("layout", "original")
+    for (start, goal), number in zip(
+        zip(trajectories.position[:, 0], trajectories.goal, strict=True), trajectories.run, strict=True
+    ):
+        for place, corner in ((start, number), (goal, 3 - number)):
+            low, high = layout.corner(int(corner))
+            assert (place >= low - 1e-6).all() and (place <= high + 1e-6).all()
+    assert results.maps[1].codes.shape == (2, 9, 13, 1) and results.maps[1].member.tolist() == [0, 1]
+    assert results.exploration.counts.sum() == 4 * 21
+
+
+def test_running_it_again_changes_nothing(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every file the same, to the nanosecond; one line says so. In another order, and one setting alone, too."""
+    before = contents(swept)
+    monkeypatch.chdir(swept)
+    for overrides, count in (
+        (SWEEP, 2),
+        ([SWEEP[0], "model.context_size=1,0", "threads=2"], 2),
+        (["model.context_size=1"], 1),
+    ):
+        assert in_process(monkeypatch, "affmap", line(swept, *overrides)) == 0
+        assert capsys.readouterr().out == f"single: all {count} settings are complete.\n"
+    assert contents(swept) == before
+
+
+def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
+    """The tables and weights of all jobs, and where they lie in the store."""
+    found = []
+    for config in jobs(folder, *overrides):
+        job = run._find(config)
+        assert job is not None
+        for path in (job.control / "runs.csv", job.train / "validation.csv", job.train / "weights.safetensors"):
+            found.append((str(path.relative_to(folder)), path.read_bytes()))
+    return found
+
+
+def kill(folder: Path, *overrides: str) -> None:
+    """Start a sweep and kill it outright in the middle of its first training, or else soon after."""
+    process = subprocess.Popen(
+        [COMMAND, *line(folder, *overrides)], cwd=folder, env=ENVIRONMENT, stdout=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 100
+    store = folder / "store"
+    while not [*store.glob("train/*/last.ckpt"), *store.glob("map")] and time.monotonic() < deadline:
+        assert process.poll() is None, "the sweep ended before it could be killed"
+        time.sleep(0.002)
+    process.kill()
+    process.wait()
+
+
+def test_a_sweep_that_was_killed_and_goes_on_with_two_workers_ends_with_the_same_tables(
+    swept: Path, tmp_path: Path
+) -> None:
+    """The undisturbed sweep of one worker, byte by byte."""
+    kill(tmp_path, *SWEEP)
+    assert not any(run._find(config) for config in jobs(tmp_path, *SWEEP))
+    result = command(tmp_path, *SWEEP, "hydra.launcher.n_jobs=2")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert tables(tmp_path, *SWEEP) == tables(swept, *SWEEP)
+    assert not list((tmp_path / "store").glob("*/*.partial"))
+
+
+def test_a_single_setting_shares_what_a_sweep_has_made(swept: Path) -> None:
+    """The gradient planner on the sweep's models: only control is new; the same in this process, from a fresh store."""
+    before = contents(swept / "store")
+    overrides = ["planner=gradient", "model.context_size=1"]
+    result = command(swept, *overrides)
+    assert result.returncode == 0, result.stdout + result.stderr
+    after = contents(swept / "store")
+    assert {name: after[name] for name in before} == before
+    assert {Path(name).parts[0] for name in set(after) - set(before)} == {"control"}
+    table = pd.read_csv(run._found(jobs(swept, *overrides))[0].control / "runs.csv")
+    assert set(table["planner"]) == {"gradient"} and set(table["context_size"]) == {1} and len(table) == 8
+
+
+def test_stages_do_not_depend_on_what_ran_before(swept: Path, tmp_path: Path) -> None:
+    """One setting of the sweep alone, called as a function in this process, against the sweep: byte by byte."""
+    (config,) = jobs(tmp_path, "planner=cem", "model.context_size=1")
+    job = run.run(config)
+    assert tables(tmp_path, "model.context_size=1") == tables(swept, "model.context_size=1")
+    for name, folder in (("dataset.npz", job.data), ("maps.npz", job.map), ("trajectories.npz", job.control)):
+        own = np.load(folder / name)
+        other = np.load(swept / folder.relative_to(tmp_path) / name)
+        assert set(own) == set(other)
+        for key in own:
+            np.testing.assert_array_equal(own[key], other[key], err_msg=key)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (["model.context_size=-1"], "conf/model/default.yaml or the command line: model.context_size = -1 is not"),
+        (["experiment=exp1", "members=0"], "conf/config.yaml or the command line: members = 0 is not allowed"),
+        (["planner=oracle"], "Could not find 'planner/oracle'"),
+        (["modle.context_size=3"], "Could not override 'modle.context_size'"),
+        (["experiment=exp1,lookups"], "experiment takes one name at a time"),
+        (["vehicle.radius=0.15"], "start_margin = 0.1 is too small for a vehicle of radius 0.15"),
+        (["data.num_validation=4"], "data: num_validation = 4 leaves nothing to train on"),
+    ],
+)
+def test_a_mistake_is_told_in_a_sentence_before_anything_is_made(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    overrides: list[str],
+    told: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for entry in ("affmap", "affmap-report", "affmap-publish") if "members=0" in overrides else ("affmap",):
+        assert in_process(monkeypatch, entry, line(tmp_path, *overrides)) == 2
+        captured = capsys.readouterr()
+        assert told in captured.err and "Traceback" not in captured.err and captured.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mistake_on_a_real_command_line(tmp_path: Path) -> None:
+    """Status 2, the sentence alone on the error stream, and no file."""
+    result = command(tmp_path, "control.beta=nan", "planner=cem,gradient")
+    assert result.returncode == 2 and result.stdout == ""
+    assert result.stderr == (
+        "conf/control/default.yaml or the command line: control.beta = nan is not allowed: "
+        "it should be a finite number.\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_reference_models_there_is_nothing_to_control(tmp_path: Path) -> None:
+    """`models=reference` never trains."""
+    (config,) = jobs(tmp_path, "models=reference")
+    with pytest.raises(ConfigError, match=r"reference holds no models of this configuration .* models=train"):
+        run.run(config)
+    assert not list((tmp_path / "store").glob("train/*/weights.safetensors"))
+
+
+def test_reference_models_are_controlled_without_training(swept: Path, tmp_path: Path) -> None:
+    """The sweep's models put where the reference run's lie: the same runs as the sweep's, and no training."""
+    (config,) = jobs(tmp_path, "models=reference", "model.context_size=1")
+    (tmp_path / "reference").mkdir()
+    (tmp_path / "reference" / "train").symlink_to(swept / "store" / "train")
+    job = run.run(config)
+    assert not (tmp_path / "store" / "train").exists() and (tmp_path / "reference") in job.train.parents
+    (found,) = run._found(jobs(swept, "model.context_size=1"))
+    assert (job.control / "runs.csv").read_bytes() == (found.control / "runs.csv").read_bytes()
+    assert job.control.name != found.control.name
+
+
+def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One of three settings was never run."""
+    before = contents(swept)
+    for entry in ("affmap-report", "affmap-publish"):
+        assert in_process(monkeypatch, entry, line(swept, "model.context_size=0,1,3")) == 2
+        assert "1 of 3 settings are not complete (context size 3, cem); run `affmap`" in capsys.readouterr().err
+    assert contents(swept) == before
+
+
+def test_publishing_keeps_report_and_models(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report of a few stand-in files: tables and pictures are kept, vector figures and logs are not; models are found
+    from then on with `models=reference`."""
+    output = tmp_path / "runs" / "exp"
+    for name in ("report.pdf", "figures/one.png", "figures/one.pdf", "jobs/a/affmap.log", "tables/runs.csv"):
+        (output / name).parent.mkdir(parents=True, exist_ok=True)
+        (output / name).write_text(name)
+    kept = tmp_path / "runs" / "reference"
+    places = [f"output={output}", f"reference={kept / 'store'}", *SWEEP]
+    for _ in range(2):  # the second time replaces the first
+        assert in_process(monkeypatch, "affmap-publish", [*line(swept)[:10], f"store={swept / 'store'}", *places]) == 0
+    capsys.readouterr()
+    files = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
+    assert {name for name in files if name.startswith("exp/")} == {
+        "exp/report.pdf",
+        "exp/figures/one.png",
+        "exp/tables/runs.csv",
+    }
+    for config in jobs(swept, *SWEEP):
+        folder = f"store/train/{config.train_stage.digest}"
+        for name in ("weights.safetensors", "validation.csv", "provenance.json"):
+            assert (kept / folder / name).read_bytes() == (swept / folder / name).read_bytes()
+    assert len(files) == 3 + 2 * 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--help"], "planner: cem, gradient"),
+        (["experiment=exp1", "model.context_size=3", "--cfg", "job"], "context_size: 3"),
+    ],
+)
+def test_hydra_s_own_flags(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    told: str,
+) -> None:
+    """What every Hydra application offers; nothing is run."""
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap", arguments) == 0
+    assert told in capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
