@@ -109,7 +109,8 @@ class Config(Settings):
 
 def label(config: Config) -> str:
     """What tells a job from the others of its sweep."""
-    return f"context size {config.model.context_size}, {config.planner.kind}"
+    exact = ", exact look-ups" if config.lookup.kind == "exact" else ""
+    return f"context size {config.model.context_size}, {config.planner.kind}{exact}"
 
 
 def plain(config: Any) -> dict[str, Any]:

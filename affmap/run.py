@@ -36,6 +36,7 @@ DATASET = "dataset.npz"
 
 def run(config: Config) -> Job:
     """Bring all stages of a job to completion; returns where they are."""
+    _check_models(config)
     torch.set_num_threads(config.threads)
     store = config.open_store()
     data = store.ensure(config.data_stage, lambda folder: _collect(config, folder))
@@ -44,6 +45,14 @@ def run(config: Config) -> Job:
     controlled = store.ensure(config.control_stage, lambda folder: _control(config, train, folder))
     log.info("%s: complete", label(config))
     return Job(config.model.context_size, config.planner.kind, data, train, painted, controlled)
+
+
+def _check_models(config: Config) -> None:
+    if config.models == "reference" and config.open_store().find(config.train_stage) is None:
+        raise ConfigError(
+            f"{config.reference} holds no models of this configuration (stage train, {config.train_stage.digest}); "
+            "train them with models=train, or undo the changes to them and to their data."
+        )
 
 
 def _collect(config: Config, folder: Path) -> None:
@@ -56,11 +65,6 @@ def _collect(config: Config, folder: Path) -> None:
 
 
 def _train(config: Config, data: Path, folder: Path) -> None:
-    if config.models == "reference":
-        raise ConfigError(
-            f"{config.reference} holds no models of this configuration (stage train, {config.train_stage.digest}); "
-            "train them with models=train, or undo the changes to data, model, training, seed and members."
-        )
     from affmap.data.module import DataModule  # Lightning takes seconds to import
     from affmap.training.fit import fit
 
@@ -156,7 +160,9 @@ def _run_sweep(overrides: list[str], configs: list[Config]) -> None:
     if all(_find(config) for config in configs):
         print(f"{configs[0].name}: all {len(configs)} settings are complete.")
         return
-    sys.argv[1:] = [*(["-m"] if len(configs) > 1 else []), *overrides]
+    for config in configs:
+        _check_models(config)
+    sys.argv[1:] = [*(["-m"] if sweep.is_sweep(overrides) else []), *overrides]
     _job()
 
 
@@ -202,11 +208,13 @@ def publish() -> None:
 def _publish(_: list[str], configs: list[Config]) -> None:
     first = configs[0]
     jobs = _found(configs)
+    if not (first.output / "tables").is_dir():
+        raise ConfigError(f"{first.output} holds no report; run `affmap-report` with the same arguments first.")
     kept = first.reference.parent / first.output.name
     shutil.rmtree(kept, ignore_errors=True)
     shutil.copytree(first.output, kept, ignore=shutil.ignore_patterns("jobs", "figures"))
-    (kept / "figures").mkdir()
     for figure in (first.output / "figures").glob("*.png"):
+        (kept / "figures").mkdir(exist_ok=True)
         shutil.copy(figure, kept / "figures")
     for trained in {job.train for job in jobs}:
         target = first.reference / "train" / trained.name

@@ -14,7 +14,8 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -62,6 +63,9 @@ class Store:
         """The folder of a stage; where it is not complete, `build` fills it first.
 
         `build` gets the folder to write into; after an interruption it may find there what it wrote before.
+
+        Raises:
+            FileExistsError: a folder that lacks its provenance, and so cannot be trusted, stands in the way.
         """
         if found := self.find(stage):
             return found
@@ -70,6 +74,8 @@ class Store:
         with _locked(final.with_suffix(".lock")):
             if found := self.find(stage):  # another job made it while this one waited
                 return found
+            if final.exists():
+                raise FileExistsError(f"{final} has no {PROVENANCE}: it is damaged; remove it and run again.")
             partial = final.with_suffix(".partial")
             partial.mkdir(exist_ok=True)
             started, begin = time.strftime("%Y-%m-%dT%H:%M:%S%z"), time.monotonic()
@@ -80,18 +86,27 @@ class Store:
         return final
 
 
-def _locked(path: Path) -> FileLock:
-    """A lock held by this job, waited for if another has it."""
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold a lock, and wait for it if another job has it."""
     lock = FileLock(path)
     try:
-        return lock.acquire(timeout=0).lock
+        lock.acquire(timeout=0)
     except Timeout:
         log.info("Waiting for another job that makes %s/%s.", path.parent.name, path.stem)
-        return lock
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
-    """Where a result comes from: configuration, versions, git state, machine, command, cost."""
+    """Where a result comes from: configuration, versions, git state, machine, command, cost.
+
+    `seconds` counts from when the stage was last started; memory is the peak of the process so far.
+    """
+    kibibytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform == "darwin" else 1)
     return {
         "stage": stage.name,
         "digest": stage.digest,
@@ -99,7 +114,7 @@ def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "started": started,
         "seconds": round(seconds, 2),
-        "peak_memory_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+        "peak_memory_mib": round(kibibytes / 1024, 1),
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
         "git": _git(),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},

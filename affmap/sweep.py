@@ -9,7 +9,9 @@ from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 
 from affmap.config import Config, plain
 from affmap.settings import ConfigError, folder
@@ -21,15 +23,20 @@ def complete(overrides: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: several experiments at once.
     """
-    parsed = {override.key_or_group: override for override in OverridesParser.create().parse_overrides([*overrides])}
+    parsed = {override.key_or_group: override for override in _parse(overrides)}
     if "experiment" in parsed and parsed["experiment"].is_sweep_override():
         raise ConfigError("experiment takes one name at a time; run several experiments one after the other.")
     single = [str(override.input_line) for override in parsed.values() if not override.is_sweep_override()]
-    sweep = plain(_compose(single))["sweep"]
+    sweep = plain(_compose(single)).get("sweep", {})
     given = {key: str(override.input_line) for key, override in parsed.items()}
     # In the experiment's order, so that jobs that share a model are not started at the same time.
     swept = [given.get(key, f"{key}={values}") for key, values in sweep.items()]
     return [line for key, line in given.items() if key not in sweep] + swept
+
+
+def is_sweep(overrides: Sequence[str]) -> bool:
+    """Whether a command line asks for a sweep, though it may be one of a single job."""
+    return any(override.is_sweep_override() for override in _parse(overrides))
 
 
 def jobs(overrides: Sequence[str]) -> list[Config]:
@@ -38,8 +45,7 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
     Raises:
         ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right.
     """
-    parsed = OverridesParser.create().parse_overrides([*overrides])
-    return [_check(job) for job in BasicSweeper.split_arguments(parsed, max_batch_size=None)[0]]
+    return [_check(job) for job in BasicSweeper.split_arguments(_parse(overrides), max_batch_size=None)[0]]
 
 
 def _check(overrides: Sequence[str]) -> Config:
@@ -47,6 +53,12 @@ def _check(overrides: Sequence[str]) -> Config:
     choices = composed.hydra.runtime.choices
     origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
     return Config.checked(plain(composed), "conf/config.yaml or the command line", origins)
+
+
+def _parse(overrides: Sequence[str]) -> list[Override]:
+    with initialize_config_dir(str(folder()), version_base="1.3"):
+        # The loader knows the groups that `glob(...)` chooses from.
+        return OverridesParser.create(GlobalHydra.instance().config_loader()).parse_overrides([*overrides])
 
 
 def _compose(overrides: Sequence[str]) -> Any:

@@ -29,7 +29,7 @@ class StackedLinear(nn.Module):
         self.bias = uniform(generators, (num_outputs,), num_inputs) if bias else None
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`."""
+        """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`, with at least one axis between."""
         flat = inputs.flatten(1, -2)
         outputs = flat @ self.weight if self.bias is None else torch.baddbmm(self.bias[:, None], flat, self.weight)
         return outputs.view(*inputs.shape[:-1], -1)

@@ -69,7 +69,8 @@ class VisionModel(nn.Module):
         """Context codes of views.
 
         Args:
-            windows: views with leading axis M (each member its own) or 1 (all members the same): `[M or 1, ...]`.
+            windows: views with leading axis M (each member its own) or 1 (all members the same): `[M or 1, ...]`, with
+                at least one more axis.
 
         Returns:
             `[M, ..., C]`, each in (-1, 1).
