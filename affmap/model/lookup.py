@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 import torch
 from pydantic import PositiveFloat
 from torch import Tensor
+from torch.nn.functional import embedding
 
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
@@ -48,9 +49,9 @@ def make_lookup(settings: LookupSettings, stack: Stack, world: Map) -> Lookup:
     return ExactLookup(stack, world)
 
 
-def inside(positions: Tensor, world: Map) -> Tensor:
-    """The points of the arena nearest to `positions` `[..., 2]`."""
-    return positions.clamp_min(0).minimum(positions.new_tensor(world.size))
+def inside(positions: Tensor, size: Tensor) -> Tensor:
+    """The points of an arena of `size` `[2]` nearest to `positions` `[..., 2]`."""
+    return positions.clamp_min(0).minimum(size)
 
 
 class ExactLookup:
@@ -63,7 +64,7 @@ class ExactLookup:
     @torch.no_grad()
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
-        return self._stack.encode(take_apart(view(self._world, inside(positions, self._world))))
+        return self._stack.encode(take_apart(view(self._world, inside(positions, positions.new_tensor(self._world.size)))))
 
 
 class AffordanceMap:
@@ -82,7 +83,8 @@ class AffordanceMap:
         self._flat = codes.flatten(0, 2)
         self._first = torch.arange(num_members, device=codes.device) * rows * columns
         last = codes.new_tensor([columns - 1, rows - 1])
-        self._nodes_per_unit = last / codes.new_tensor(world.size)
+        self._size = codes.new_tensor(world.size)
+        self._nodes_per_unit = last / self._size
         self._last_cell = last - 1
 
     @classmethod
@@ -104,12 +106,11 @@ class AffordanceMap:
         if not self._differentiable:
             positions = positions.detach()
         columns = self.codes.shape[2]
-        place = inside(positions, self.world) * self._nodes_per_unit
+        place = inside(positions, self._size) * self._nodes_per_unit
         cell = place.detach().floor().minimum(self._last_cell)
         x, y = (place - cell).unsqueeze(-2).unbind(-1)  # [M, ..., 1] each, in [0, 1]
         column, row = cell.long().unbind(-1)
         node = self._first.view(-1, *[1] * (row.ndim - 1)) + row * columns + column
-        codes = self._flat
-        lower = torch.lerp(codes[node], codes[node + 1], x)
-        upper = torch.lerp(codes[node + columns], codes[node + columns + 1], x)
-        return torch.lerp(lower, upper, y)
+        # embedding gathers rows several times faster than indexing does.
+        lower, right, upper, opposite = (embedding(node + i, self._flat) for i in (0, 1, columns, columns + 1))
+        return torch.lerp(torch.lerp(lower, right, x), torch.lerp(upper, opposite, x), y)

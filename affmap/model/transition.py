@@ -43,8 +43,8 @@ class TransitionModel(nn.Module):
         Returns:
             The new carry, and a Gaussian of `[M, ..., 2]` in u/step.
         """
-        motion = torch.cat([self.delta_scale * delta, action], dim=-1)
-        hidden = self.hidden(torch.cat([motion.expand(*code.shape[:-1], -1), code], dim=-1)).tanh()
+        inputs = [part.expand(*code.shape[:-1], -1) for part in (self.delta_scale * delta, action, code)]
+        hidden = self.hidden(torch.cat(inputs, dim=-1)).tanh()
         mean, log_std = self.output(hidden).split(2, dim=-1)
         return carry, Gaussian(mean / self.delta_scale, log_std - math.log(self.delta_scale))
 

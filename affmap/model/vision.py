@@ -41,9 +41,9 @@ def _winners(convolved: Tensor, patch_ids: Tensor) -> Tensor:
     Comparing nine times is faster than `argmax` over an axis in the middle, or than the gradient of `maximum`.
     """
     first, *others = patch_ids.unbind(1)
-    best, winner = convolved[first], first[:, None]
+    best, winner = convolved.index_select(0, first), first[:, None]
     for patch in others:
-        value = convolved[patch]
+        value = convolved.index_select(0, patch)
         winner = torch.where(value > best, patch[:, None], winner)
         best = torch.maximum(best, value)
     return winner
@@ -79,7 +79,8 @@ class VisionModel(nn.Module):
         table = self._window_features(windows)  # [U, M, q]
         num_members, channels = table.shape[1:]
         if len(ids) == 1:  # gather rows that hold all members' features: contiguous
-            features = table.flatten(1)[ids[0]].unflatten(-1, (num_members, channels)).permute(2, 0, 1, 3)
+            rows = table.flatten(1).index_select(0, ids[0].flatten())  # several times faster than indexing
+            features = rows.view(*ids[0].shape, num_members, channels).permute(2, 0, 1, 3)
         else:
             members = torch.arange(num_members, device=ids.device)
             features = table[ids, members[:, None, None]]  # [M, P, 16, q]

@@ -137,7 +137,7 @@ def test_outside_the_arena_is_the_nearest_point_inside(kind: str) -> None:
     positions[:, 1] = torch.tensor([-torch.inf, torch.inf])
     clipped = torch.stack([positions[..., 0].clamp(0, 3), positions[..., 1].clamp(0, 2)], dim=-1)
     assert (clipped != positions).any()
-    assert torch.equal(inside(positions, WORLD), clipped)
+    assert torch.equal(inside(positions, torch.tensor(WORLD.size)), clipped)
     assert torch.equal(lookup(positions), lookup(clipped))
 
 
