@@ -15,7 +15,7 @@ from affmap.control.agent import ControlSettings
 from affmap.data.collect import Exploration
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
-from affmap.model.lookup import LookupSettings
+from affmap.model.lookup import ExactSettings, MapSettings
 from affmap.model.stack import ModelSettings
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
@@ -62,7 +62,7 @@ class Config(Settings):
     data: Exploration
     model: ModelSettings
     training: TrainingSettings
-    lookup: LookupSettings
+    lookup: Annotated[ExactSettings | MapSettings, Field(discriminator="kind")]
     planner: Annotated[CEMPlanner | GradientPlanner, Field(discriminator="kind")]
     control: ControlSettings
     report: ReportSettings
@@ -70,8 +70,6 @@ class Config(Settings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         self.layout.check_corners(self.vehicle.radius)
-        if self.lookup.differentiable and self.lookup.kind == "exact":
-            raise ValueError("lookup.differentiable = True does not go with lookup.kind = 'exact'; take kind = 'map'.")
         return self
 
     @property

@@ -45,7 +45,7 @@ def _lines(description: str, total: int, unit: str) -> Iterator[Callable[[int], 
             first = finished, now
         elif now - last > SECONDS_BETWEEN_LINES and finished < total:
             left = round((now - first[1]) / (finished - first[0]) * (total - finished))
-            log.info("%s: %d of %d %s, about %d:%02d min left", description, finished, total, unit, *divmod(left, 60))
+            log.info("%s: %d of %d %s, %d:%02d left", description, finished, total, unit, *divmod(left, 60))
             last = now
 
     log.info("%s: %d %s", description, total, unit)

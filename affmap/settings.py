@@ -63,6 +63,9 @@ def sentence(item: ErrorDetails, values: Mapping[str, Any]) -> str:
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
         return f"{key} = {item['input']!r} is not a known key; remove it or correct its spelling."
+    if item["type"] == "union_tag_invalid":
+        tags = item["ctx"]["expected_tags"].replace(", ", " or ")
+        return f"{key}.kind = {item['ctx']['tag']!r} is not allowed: it should be {tags}."
     if item["type"] == "value_error" and isinstance(item["input"], Mapping):
         return f"{key}: {problem}" if key else problem  # a check of several keys names them and their values itself
     return f"{key} = {item['input']!r} is not allowed: it {problem}."

@@ -131,5 +131,8 @@ def _version(package: str) -> str | None:
 def _git() -> str | None:
     """The commit that the code comes from, `-dirty` if it was changed since; None outside a checkout."""
     command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
-    result = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    try:
+        result = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    except OSError:  # no git on this machine
+        return None
     return result.stdout.strip() or None

@@ -39,8 +39,8 @@ def test_lines_come_every_15_seconds_with_the_time_that_is_left(caplog: pytest.L
     updates = [(100.0 + step, step) for step in range(1, 34)]
     assert lines(caplog, clock, updates, 100) == [
         "flying: 100 steps",
-        "flying: 16 of 100 steps, about 1:24 min left",
-        "flying: 32 of 100 steps, about 1:08 min left",
+        "flying: 16 of 100 steps, 1:24 left",
+        "flying: 32 of 100 steps, 1:08 left",
     ]
 
 
@@ -48,7 +48,7 @@ def test_a_resumed_task_is_judged_by_its_own_speed(caplog: pytest.LogCaptureFixt
     """By hand: 40 of 50 were done before; one takes 20 s, so nine more take 180 s at 41."""
     assert lines(caplog, clock, [(110, 40), (130, 41)], 50) == [
         "flying: 50 steps",
-        "flying: 41 of 50 steps, about 3:00 min left",
+        "flying: 41 of 50 steps, 3:00 left",
     ]
 
 

@@ -14,7 +14,7 @@ import pytest
 import torch
 import yaml
 
-from affmap import run, sweep
+from affmap import run, stages, sweep
 from affmap.config import Config
 from affmap.env import Layout
 from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
@@ -115,7 +115,7 @@ def test_hydra_ran_the_jobs_that_were_checked(swept: Path) -> None:
 
 def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
     """Columns of the report's own list, a row for each run; arrays in the shapes that it documents."""
-    results = Results(tuple(job for config in jobs(swept, *SWEEP) if (job := run._find(config))))
+    results = Results(tuple(job for config in jobs(swept, *SWEEP) if (job := stages.find(config))))
     assert list(results.runs.columns) == RUN_COLUMNS
     rows = results.runs[["context_size", "planner", "member", "run"]].to_numpy().tolist()
     assert rows == [[c, "cem", m, r] for c in (0, 1) for m in (0, 1) for r in range(4)]
@@ -147,7 +147,7 @@ def test_running_it_again_changes_nothing(
         (["model.context_size=1"], 1),
     ):
         assert in_process(monkeypatch, "affmap", line(swept, *overrides)) == 0
-        assert capsys.readouterr().out == f"single: all {count} settings are complete.\n"
+        assert capsys.readouterr().out == f"single: {count} of {count} settings are complete.\n"
     assert contents(swept) == before
 
 
@@ -155,7 +155,7 @@ def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
     """The tables and weights of all jobs, and where they lie in the store."""
     found = []
     for config in jobs(folder, *overrides):
-        job = run._find(config)
+        job = stages.find(config)
         assert job is not None
         for path in (job.control / "runs.csv", job.train / "validation.csv", job.train / "weights.safetensors"):
             found.append((str(path.relative_to(folder)), path.read_bytes()))
@@ -181,7 +181,7 @@ def test_a_sweep_that_was_killed_and_goes_on_with_two_workers_ends_with_the_same
 ) -> None:
     """The undisturbed sweep of one worker, byte by byte."""
     kill(tmp_path, *SWEEP)
-    assert not any(run._find(config) for config in jobs(tmp_path, *SWEEP))
+    assert not any(stages.find(config) for config in jobs(tmp_path, *SWEEP))
     result = command(tmp_path, *SWEEP, "hydra.launcher.n_jobs=2")
     assert result.returncode == 0, result.stdout + result.stderr
     assert tables(tmp_path, *SWEEP) == tables(swept, *SWEEP)
@@ -204,7 +204,7 @@ def test_a_single_setting_shares_what_a_sweep_has_made(swept: Path) -> None:
 def test_stages_do_not_depend_on_what_ran_before(swept: Path, tmp_path: Path) -> None:
     """One setting of the sweep alone, called as a function in this process, against the sweep: byte by byte."""
     (config,) = jobs(tmp_path, "planner=cem", "model.context_size=1")
-    job = run.run(config)
+    job = stages.run(config)
     assert tables(tmp_path, "model.context_size=1") == tables(swept, "model.context_size=1")
     for name, folder in (("dataset.npz", job.data), ("maps.npz", job.map), ("trajectories.npz", job.control)):
         own = np.load(folder / name)
@@ -256,7 +256,7 @@ def test_without_reference_models_there_is_nothing_to_control(tmp_path: Path) ->
     """`models=reference` never trains."""
     (config,) = jobs(tmp_path, "models=reference")
     with pytest.raises(ConfigError, match=r"reference holds no models of this configuration .* models=train"):
-        run.run(config)
+        stages.run(config)
     assert not list((tmp_path / "store").glob("train/*/weights.safetensors"))
 
 
@@ -265,7 +265,7 @@ def test_reference_models_are_controlled_without_training(swept: Path, tmp_path:
     (config,) = jobs(tmp_path, "models=reference", "model.context_size=1")
     (tmp_path / "reference").mkdir()
     (tmp_path / "reference" / "train").symlink_to(swept / "store" / "train")
-    job = run.run(config)
+    job = stages.run(config)
     assert not (tmp_path / "store" / "train").exists() and (tmp_path / "reference") in job.train.parents
     (found,) = run._found(jobs(swept, "model.context_size=1"))
     assert (job.control / "runs.csv").read_bytes() == (found.control / "runs.csv").read_bytes()
@@ -294,6 +294,9 @@ def test_publishing_keeps_report_and_models(
         (output / name).write_text(name)
     kept = tmp_path / "runs" / "reference"
     places = [f"output={output}", f"reference={kept / 'store'}", *SWEEP]
+    assert in_process(monkeypatch, "affmap-publish", [*line(swept)[:10], f"store={swept / 'store'}", *places]) == 2
+    assert "SMOKE RUN" in capsys.readouterr().err and not kept.exists()
+    places.append("notice=null")
     for _ in range(2):  # the second time replaces the first
         assert in_process(monkeypatch, "affmap-publish", [*line(swept)[:10], f"store={swept / 'store'}", *places]) == 0
     capsys.readouterr()
@@ -308,6 +311,27 @@ def test_publishing_keeps_report_and_models(
         for name in ("weights.safetensors", "validation.csv", "provenance.json"):
             assert (kept / folder / name).read_bytes() == (swept / folder / name).read_bytes()
     assert len(files) == 3 + 2 * 3
+
+
+def test_a_report_of_other_results_is_not_replaced(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By hand: the provenance of a report names one stage that is not of this sweep; nothing is run or drawn."""
+    output = swept / "taken"
+    output.mkdir()
+    (output / "provenance.json").write_text(json.dumps({"stages": [{"digest": "another"}]}))
+    for entry in ("affmap", "affmap-report"):
+        assert in_process(monkeypatch, entry, [*line(swept, *SWEEP), f"output={output}"]) == 2
+        assert "holds the report of other results" in capsys.readouterr().err
+    assert [path.name for path in output.iterdir()] == ["provenance.json"]
+
+
+@pytest.mark.parametrize("entry", ["affmap-report", "affmap-publish"])
+def test_flags_are_not_swallowed(
+    entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert in_process(monkeypatch, entry, ["experiment=exp1", "--force"]) == 2
+    assert "--force is not known here" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -18,12 +18,18 @@ from affmap.settings import Settings
 from affmap.view import Map, view
 
 
-class LookupSettings(Settings):
-    """How planners look up context codes (`conf/lookup`)."""
+class ExactSettings(Settings):
+    """Planners look at every position itself (`conf/lookup/exact.yaml`)."""
 
-    kind: Literal["exact", "map"]
+    kind: Literal["exact"]
+
+
+class MapSettings(Settings):
+    """Planners look at an affordance map (`conf/lookup/map.yaml`)."""
+
+    kind: Literal["map"]
     spacing: PositiveFloat
-    """Distance between the nodes of the affordance map, u (not used by the exact look-up)."""
+    """Largest distance between neighbouring nodes, u."""
     differentiable: bool
     """Whether gradients flow through the look-up to the position; the paper's do not."""
 
@@ -36,17 +42,11 @@ class Lookup(Protocol):
         ...
 
 
-def make_lookup(settings: LookupSettings, stack: Stack, world: Map) -> Lookup:
-    """The look-up that `settings` name.
-
-    Raises:
-        ValueError: the exact look-up is asked for gradients, which cutting out pixels does not have.
-    """
-    if settings.kind == "map":
-        return AffordanceMap.paint(stack, world, settings.spacing, settings.differentiable)
-    if settings.differentiable:
-        raise ValueError("lookup.differentiable = True does not go with lookup.kind = 'exact'; take kind = 'map'.")
-    return ExactLookup(stack, world)
+def make_lookup(settings: ExactSettings | MapSettings, stack: Stack, world: Map) -> Lookup:
+    """The look-up that `settings` describe, for `stack` in `world`."""
+    if isinstance(settings, ExactSettings):
+        return ExactLookup(stack, world)
+    return AffordanceMap.paint(stack, world, settings.spacing, settings.differentiable)
 
 
 def inside(positions: Tensor, size: Tensor) -> Tensor:
@@ -64,7 +64,9 @@ class ExactLookup:
     @torch.no_grad()
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
-        return self._stack.encode(take_apart(view(self._world, inside(positions, positions.new_tensor(self._world.size)))))
+        return self._stack.encode(
+            take_apart(view(self._world, inside(positions, positions.new_tensor(self._world.size))))
+        )
 
 
 class AffordanceMap:

@@ -1,6 +1,7 @@
 """One factor at a time: the same models, starts and goals under two or more values of one column of the runs.
 
-Knows tables of runs only. A difference whose interval contains zero is within the noise between members.
+Knows tables of runs only. Two values count as the *same* when the 95 % interval of their difference lies within a
+margin set beforehand, as *different* when it leaves out zero and reaches beyond the margin; else nothing is decided.
 """
 
 from collections.abc import Sequence
@@ -9,15 +10,18 @@ from pathlib import Path
 import pandas as pd
 
 from affmap.report import statistics
-from affmap.report.tables import Job, read_runs, score_matrix, write_csv, write_runs
-from affmap.report.text import number
+from affmap.report.tables import PLANNERS, Job, read_runs, score_matrix, write_csv, write_runs
+from affmap.report.text import NOTHING, number
 
-METRICS = {"prediction_error": "nats", "mean_distance": "u", "reached": "share"}
-"""Metric -> unit."""
+MARGINS = {"prediction_error": ("nats", 0.5), "mean_distance": ("u", 0.05), "reached": ("share", 0.05)}
+"""Metric -> unit, and the difference that would not matter: small against the differences between context sizes."""
 
 
-def write(output: Path, jobs: Sequence[Job], factor: str) -> Path:
-    """Write `tables/runs.csv`, `tables/<factor>.csv` and `tables/<factor>.md` into `output`; returns the last."""
+def write(output: Path, jobs: Sequence[Job], factor: str, notice: str | None) -> Path:
+    """Write `tables/runs.csv`, `tables/<factor>.csv` and `tables/<factor>.md` into `output`; returns the last.
+
+    `notice` is a warning to the reader that heads the Markdown, or None.
+    """
     runs = pd.concat([read_runs(job) for job in jobs], ignore_index=True)
     table = compare(runs, factor)
     folder = output / "tables"
@@ -25,7 +29,8 @@ def write(output: Path, jobs: Sequence[Job], factor: str) -> Path:
     write_runs(folder, runs)
     write_csv(folder / f"{factor}.csv", table)
     path = folder / f"{factor}.md"
-    path.write_text(markdown(table), "utf-8", newline="\n")
+    heading = f"**{notice}**\n\n" if notice else ""
+    path.write_text(heading + markdown(table, factor), "utf-8", newline="\n")
     return path
 
 
@@ -34,7 +39,7 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
 
     Returns:
         One row per comparison: means over members of either value, the mean difference (other minus first) with its
-        95 % bootstrap interval over members, and whether the interval contains zero.
+        95 % bootstrap interval over members (none with fewer than 5), the margin, and the verdict.
 
     Raises:
         ValueError: `factor` has a single value.
@@ -44,19 +49,19 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
         raise ValueError(f"the runs have one value of {factor!r}, {first!r}; there is nothing to compare it with")
     rows = []
     for (planner, context_size), group in runs.groupby(["planner", "context_size"]):
-        for metric, unit in METRICS.items():
+        for metric, (unit, margin) in MARGINS.items():
             scores = score_matrix(group, metric, [factor])  # [M, values]
             for other in others:
                 difference = scores[other] - scores[first]
-                low, high = statistics.interval(difference)
+                enough = len(difference) >= statistics.MIN_MEMBERS
+                low, high = statistics.interval(difference) if enough else (None, None)
                 rows.append(
                     {
-                        "planner": planner,
+                        "planner": PLANNERS[str(planner)],
                         "context_size": context_size,
                         "metric": metric,
                         "unit": unit,
                         "members": len(scores),
-                        "factor": factor,
                         "a": first,
                         "b": other,
                         "mean_a": scores[first].mean(),
@@ -64,23 +69,34 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
                         "difference": difference.mean(),
                         "low": low,
                         "high": high,
-                        "within_noise": low <= 0 <= high,
+                        "margin": margin,
+                        "verdict": verdict(low, high, margin),
                     }
                 )
     return pd.DataFrame(rows)
 
 
-def markdown(table: pd.DataFrame) -> str:
+def verdict(low: float | None, high: float | None, margin: float) -> str:
+    """What an interval of a difference says: "same", "different" or "not decided"."""
+    if low is None or high is None:
+        return "not decided"
+    if -margin <= low and high <= margin:
+        return "same"
+    return "different" if low > 0 or high < 0 else "not decided"
+
+
+def markdown(table: pd.DataFrame, factor: str) -> str:
     """A table of `compare` as Markdown."""
     lines = [
-        "| planner | context size | metric | " + f"{table['a'].iloc[0]} | other | difference [95 % interval] |",
-        "|---|---|---|---|---|---|",
+        f"| planner | context size | metric | {factor} | mean | difference [95 % interval] | margin | verdict |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for _, row in table.iterrows():
-        interval = f"{number(row['low'], sign=True)}, {number(row['high'], sign=True)}"
+        interval = f" [{number(row['low'], sign=True)}, {number(row['high'], sign=True)}]"
         lines.append(
             f"| {row['planner']} | {row['context_size']} | {row['metric'].replace('_', ' ')} ({row['unit']}) | "
-            f"{number(row['mean_a'])} | {row['b']}: {number(row['mean_b'])} | "
-            f"{number(row['difference'], sign=True)} [{interval}] |"
+            f"{row['a']}, {row['b']} | {number(row['mean_a'])}, {number(row['mean_b'])} | "
+            f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else NOTHING} | "
+            f"±{row['margin']:g} | {row['verdict']} |"
         )
     return "\n".join(lines) + "\n"

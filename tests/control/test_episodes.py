@@ -15,7 +15,7 @@ from affmap.control.episodes import Runs, control, summarise
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
-from affmap.model.lookup import LookupSettings, make_lookup
+from affmap.model.lookup import MapSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
@@ -51,7 +51,7 @@ class Recorder(Agent):
 
 def make_agent(seeds: Sequence[int], context_size: int, kind: str) -> Recorder:
     model = Stack(ModelSettings.load("model", "default", context_size=context_size), LAYOUT.map.num_channels, seeds)
-    lookup = make_lookup(LookupSettings.load("lookup", "map", spacing=0.1), model, LAYOUT.map)
+    lookup = make_lookup(MapSettings.load("lookup", "map", spacing=0.1), model, LAYOUT.map)
     return Recorder(model, lookup, PLANNERS[kind], SETTINGS)
 
 

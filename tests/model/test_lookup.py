@@ -9,12 +9,14 @@ import torch
 from torch import Tensor
 
 from affmap.env.layout import Layout
-from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup, LookupSettings, inside, make_lookup
+from affmap.model.lookup import AffordanceMap, ExactLookup, ExactSettings, Lookup, MapSettings, inside, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.windows import take_apart
 from affmap.view import Map, view
 
 WORLD = Layout.load("layout", "original").map
+EXACT = ExactSettings.load("lookup", "exact")
+COARSE = MapSettings.load("lookup", "map", spacing=0.5)
 SEEDS = (4, 5, 6)
 
 
@@ -121,17 +123,17 @@ def test_nodes_are_at_most_the_spacing_apart(spacing: float, columns: int, rows:
 
 def test_the_configured_spacing_gives_the_nodes_one_expects() -> None:
     """3 x 2 u at 0.01 u: 301 x 201 nodes, whatever 3 / 0.01 rounds to; the same for other decimal spacings."""
-    assert LookupSettings.load("lookup", "map").spacing == 0.01
+    assert MapSettings.load("lookup", "map").spacing == 0.01
     nothing = stack(4, context_size=0)
     for spacing, columns, rows in ((0.01, 301, 201), (0.02, 151, 101), (0.03, 101, 68), (0.04, 76, 51), (0.1, 31, 21)):
         assert AffordanceMap.paint(nothing, WORLD, spacing).codes.shape == (1, rows, columns, 0)
 
 
-@pytest.mark.parametrize("kind", ["exact", "map"])
-def test_outside_the_arena_is_the_nearest_point_inside(kind: str) -> None:
+@pytest.mark.parametrize("settings", [EXACT, COARSE])
+def test_outside_the_arena_is_the_nearest_point_inside(settings: ExactSettings | MapSettings) -> None:
     """Against the clipped positions; far away and infinite ones too."""
     whole = stack(*SEEDS)
-    lookup = make_lookup(LookupSettings.load("lookup", kind, spacing=0.1), whole, WORLD)
+    lookup = make_lookup(settings, whole, WORLD)
     positions = places(3, 40, margin=1.0)
     positions[:, 0] = torch.tensor([1e6, -1e6])
     positions[:, 1] = torch.tensor([-torch.inf, torch.inf])
@@ -169,10 +171,10 @@ def test_gradients_are_those_of_finite_differences() -> None:
     assert (gradient[:, 0, 0] == 0).all() and (gradient[:, 1, 1] == 0).all() and (gradient[:, 2:] != 0).all()
 
 
-@pytest.mark.parametrize("kind", ["exact", "map"])
-def test_no_gradients_flow_to_the_position_unless_asked_for(kind: str) -> None:
+@pytest.mark.parametrize("settings", [EXACT, COARSE])
+def test_no_gradients_flow_to_the_position_unless_asked_for(settings: ExactSettings | MapSettings) -> None:
     """The paper's do not (Figure 1): the codes are constants."""
-    lookup = make_lookup(LookupSettings.load("lookup", kind, spacing=0.5), stack(*SEEDS), WORLD)
+    lookup = make_lookup(settings, stack(*SEEDS), WORLD)
     assert not lookup(places(3, 5).requires_grad_()).requires_grad
 
 
@@ -193,18 +195,18 @@ def test_members_of_a_map_see_their_own_codes() -> None:
     assert (codes[0] - codes[1]).abs().max() > 1e-2
 
 
-@pytest.mark.parametrize("kind", ["exact", "map"])
-def test_without_a_context_codes_are_empty(kind: str) -> None:
-    lookup = make_lookup(LookupSettings.load("lookup", kind, spacing=0.5), stack(4, 5, context_size=0), WORLD)
+@pytest.mark.parametrize("settings", [EXACT, COARSE])
+def test_without_a_context_codes_are_empty(settings: ExactSettings | MapSettings) -> None:
+    lookup = make_lookup(settings, stack(4, 5, context_size=0), WORLD)
     assert lookup(places(2, 3, 4)).shape == (2, 3, 4, 0)
 
 
 def test_make_lookup_makes_what_is_named() -> None:
     """The configured files: an exact look-up, and a map of the spacing given, differentiable on request only."""
     whole = stack(4)
-    assert isinstance(make_lookup(LookupSettings.load("lookup", "exact"), whole, WORLD), ExactLookup)
+    assert isinstance(make_lookup(EXACT, whole, WORLD), ExactLookup)
     for differentiable in (False, True):
-        settings = LookupSettings.load("lookup", "map", spacing=0.5, differentiable=differentiable)
+        settings = MapSettings.load("lookup", "map", spacing=0.5, differentiable=differentiable)
         lookup = make_lookup(settings, whole, WORLD)
         assert isinstance(lookup, AffordanceMap) and lookup.codes.shape == (1, 5, 7, 3)
         assert lookup(places(1, 5).requires_grad_()).requires_grad == differentiable
@@ -221,11 +223,4 @@ def test_make_lookup_makes_what_is_named() -> None:
 def test_bad_settings_are_named(changes: dict[str, Any], message: str) -> None:
     """Golden parts of the message."""
     with pytest.raises(ValueError, match=message):
-        LookupSettings.load("lookup", "map", **changes)
-
-
-def test_gradients_of_the_exact_look_up_are_refused() -> None:
-    """Golden message: value and remedy."""
-    settings = LookupSettings.load("lookup", "exact", differentiable=True)
-    with pytest.raises(ValueError, match=r"differentiable = True does not go with .*'exact'; take kind = 'map'"):
-        make_lookup(settings, stack(4), WORLD)
+        MapSettings.load("lookup", "map", **changes)

@@ -25,14 +25,14 @@ def row(table: pd.DataFrame, metric: str) -> pd.Series:
     return table.set_index("metric").loc[metric]
 
 
-@pytest.mark.parametrize(("shift", "within_noise"), [(0.0, True), (0.1, False)])
-def test_the_difference_is_that_of_the_construction(shift: float, within_noise: bool) -> None:
+@pytest.mark.parametrize(("shift", "verdict"), [(0.0, "same"), (0.02, "same"), (0.1, "different")])
+def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) -> None:
     """By construction: the second value minus the first is `shift`, up to the noise of 0.001."""
     distance = row(comparison.compare(runs(shift), "lookup"), "mean_distance")
     assert (distance["a"], distance["b"], distance["members"]) == ("map", "exact", 8)
     assert distance["difference"] == pytest.approx(shift, abs=0.001)
     assert distance["difference"] == pytest.approx(distance["mean_b"] - distance["mean_a"])
-    assert bool(distance["within_noise"]) is within_noise
+    assert distance["verdict"] == verdict
 
 
 def test_the_interval_is_scipys_over_members() -> None:
@@ -48,7 +48,22 @@ def test_the_interval_is_scipys_over_members() -> None:
 def test_no_difference_is_a_point_at_zero() -> None:
     """Closed form: equal scores differ by zero, for certain."""
     error = row(comparison.compare(runs(0.1), "lookup"), "prediction_error")
-    assert (error["difference"], error["low"], error["high"], error["within_noise"]) == (0, 0, 0, True)
+    assert (error["difference"], error["low"], error["high"], error["verdict"]) == (0, 0, 0, "same")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [(-0.04, 0.04, "same"), (0.01, 0.06, "different"), (-0.06, 0.01, "not decided"), (-0.09, -0.06, "different")],
+)
+def test_the_verdict_is_that_of_an_equivalence_test(low: float, high: float, expected: str) -> None:
+    """By hand, with a margin of 0.05."""
+    assert comparison.verdict(low, high, 0.05) == expected
+
+
+def test_few_members_decide_nothing() -> None:
+    """The signed-rank rule of the claims: fewer than 5 members have no interval."""
+    distance = row(comparison.compare(runs(0.1, members=4), "lookup"), "mean_distance")
+    assert pd.isna(distance["low"]) and distance["verdict"] == "not decided"
 
 
 def test_one_value_is_nothing_to_compare() -> None:
@@ -58,7 +73,6 @@ def test_one_value_is_nothing_to_compare() -> None:
 
 def test_the_markdown_has_a_row_per_comparison() -> None:
     """By hand: three metrics, a head of two lines."""
-    lines = comparison.markdown(comparison.compare(runs(0.1), "lookup")).splitlines()
+    lines = comparison.markdown(comparison.compare(runs(0.1), "lookup"), "lookup").splitlines()
     assert len(lines) == 2 + 3
-    assert "| map | other |" in lines[0]
-    assert all(line.count("|") == 7 for line in lines)
+    assert all(line.count("|") == 9 for line in lines)
