@@ -23,9 +23,9 @@ setup: $(READY)  ## create the virtual environment
 
 # torch first and pinned: asked for later, a larger build of it may be chosen. The constraints hold for builds, too.
 $(READY): pyproject.toml constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "affmap needs Python 3.11 or later: make PYTHON=...")'
+	$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "affmap needs Python 3.11 to 3.13: make PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	export PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
+	export PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
 	$(BIN)/python -m pip install --quiet torch && \
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@
@@ -51,5 +51,5 @@ format: $(READY)  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-clean:  ## remove the virtual environment and everything that runs wrote (not runs/reference)
-	git clean -dfXq
+clean:  ## remove the virtual environment and caches (what runs wrote stays)
+	rm -rf $(VENV) .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache

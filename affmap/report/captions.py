@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from affmap.report.claims import METRICS, Score
 from affmap.report.figures import EXAMPLE_RULE, choose_examples
+from affmap.report.panels import NUM_DEVIATIONS
 from affmap.report.statistics import Outcome, Verdict
 from affmap.report.tables import PLANNERS, Results
 from affmap.report.text import NOTHING, number
@@ -53,6 +54,32 @@ def changes(results: Results) -> list[str]:
     return sentences
 
 
+def findings(scores: Sequence[Score]) -> list[str]:
+    """What the tests say, a sentence per claim."""
+    sentences = []
+    for score in scores:
+        parts = [part for part in score.parts if part.outcome.effect is not None]
+        effects = "; ".join(f"{part.name} {effect(part.outcome, score.claim.unit)}".strip() for part in parts)
+        verb = _COUNTS[score.verdict][0]
+        sentences.append(f"{score.claim.name} {verb}: {score.claim.statement} ({effects or NOTHING})")
+    return sentences
+
+
+def spikes(results: Results, height: float = 2.0) -> str:
+    """How smooth the curves are: member-epochs whose validation loss stands out from their neighbours'."""
+    table = results.validation.sort_values(["context_size", "member", "epoch"])
+    around = table.groupby(["context_size", "member"])["validation_nll"].transform(
+        lambda losses: losses.rolling(7, center=True, min_periods=1).median()
+    )
+    above = table["validation_nll"] - around
+    last = table["epoch"] == table.groupby("context_size")["epoch"].transform("max")
+    return (
+        f"In {int((above > height).sum())} of {len(table)} member-epochs the validation loss lies more than "
+        f"{height:g} nats above the member's running median over 7 epochs (the largest by {number(above.max(), 1)}); "
+        f"{int((above[last] > height).sum())} of these are last epochs."
+    )
+
+
 def captions(results: Results, scores: Sequence[Score]) -> dict[str, str]:
     """Name of a figure -> its caption."""
     return {
@@ -71,8 +98,8 @@ def captions(results: Results, scores: Sequence[Score]) -> dict[str, str]:
             "the vehicle to scale (green)."
         ),
         "exploration": (
-            f"Where the training data have been: {int(results.exploration.counts.sum())} steps; "
-            f"{results.exploration.coverage:.1%} of the cells that the vehicle's centre can occupy were visited. "
+            f"Where the data set, validation included, has been: {int(results.exploration.counts.sum())} recorded "
+            f"positions; {results.exploration.coverage:.1%} of the cells whose centre is free were visited. "
             "Free cells without a visit are red."
         ),
         "outcomes": _outcomes(results),
@@ -93,8 +120,8 @@ def _figure4(results: Results, scores: Sequence[Score]) -> str:
         )
     return (
         f"As the paper's Figure 4. (A) Validation loss: mean and standard deviation (shade) over {members} members; "
-        f"{says['I-1']}. (B) {code} (C) Prediction error and (D) mean distance to the goal in control, {per_box} "
-        f"runs a box; {says['I-2']}, {says['I-3']}, {says['I-4']}, {says['I-5']}, {says['I-6']}, {says['I-7']}. "
+        f"{says['I-1']}. {spikes(results)} (B) {code} (C) Prediction error and (D) mean distance to the goal "
+        f"in control, {per_box} runs a box; {', '.join(says[f'I-{index}'] for index in range(2, 8))}. "
         "Boxes: median and quartiles; whiskers end at the last point within 1.5 interquartile ranges, points "
         "beyond are not drawn. EB: evolutionary-based, GB: gradient-based. Dotted lines: lowest and highest tick "
         "of the paper's axis, where it is in view."
@@ -118,7 +145,8 @@ def _figure5(results: Results) -> str:
     return (
         "As the paper's Figure 5. One moment of a run with evolutionary-based planning. Shown is not the best run "
         f"but, by a rule: {EXAMPLE_RULE}; here member {examples[0].member}, run {examples[0].run}. "
-        f"{' '.join(stories)} The circles show one standard deviation of the predicted positions along the plan."
+        f"{' '.join(stories)} The circles show "
+        f"{NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
     )
 
 
@@ -130,7 +158,7 @@ def _outcomes(results: Results) -> str:
         ends = [f"{values[size]:.0%} of the runs at C = {size}" for size in (values.index[0], values.index[-1])]
         parts.append(f"{PLANNERS[planner]} reaches the goal in {' and '.join(dict.fromkeys(ends))}")
     return (
-        "(A) Share of runs that came within 0.1 u of the goal, with 95 % bootstrap intervals over members: "
+        "(A) Share of runs that reached the goal, with 95 % bootstrap intervals over members: "
         f"{'; '.join(parts)}. (B) Steps of a run in which the vehicle touched an obstacle or a border. The paper "
         "reports neither here."
     )

@@ -13,7 +13,7 @@ import pandas as pd
 
 from affmap.report import maps, statistics
 from affmap.report.statistics import Direction, Outcome, Verdict
-from affmap.report.tables import PLANNERS, Results, score_matrix
+from affmap.report.tables import PLANNERS, Floats, Results, score_matrix
 from affmap.report.text import number, p_value
 
 METRICS = {"validation_nll": "nats", "prediction_error": "nats", "mean_distance": "u"}
@@ -162,12 +162,25 @@ def _map_encoding(results: Results) -> list[Part]:
     parts = []
     for name, (statement, effect_of, compare) in _ENCODING.items():
         if size:
-            smaller, larger = compare(results.maps[size], results.world)
-            outcome = statistics.lower(smaller, larger) if len(smaller) else _NOWHERE
+            trained = compare(results.maps[size], results.world)
+            untrained = compare(results.maps[size].untrained, results.world)
+            outcome, learned = _contrasts(trained, untrained)
         else:
-            outcome = statistics.undecided("Wilcoxon signed-rank", 0, "needs a context size above 0")
+            outcome = learned = statistics.undecided("Wilcoxon signed-rank", 0, "needs a context size above 0")
         parts.append(Part(name, f"{effect_of}, C = {size}", outcome, statement))
+        again = f"{statement.removesuffix('.')}: more so than in the same member's map before training."
+        parts.append(Part(f"{name}, learned", "trained minus untrained of the same difference", learned, again))
     return parts
+
+
+def _contrasts(trained: tuple[Floats, Floats], untrained: tuple[Floats, Floats]) -> tuple[Outcome, Outcome]:
+    """Test whether the first distance is smaller than the second after training, and by more than before it.
+
+    Similar pictures have similar codes in an untrained network, too; only the second test shows what was learned.
+    """
+    if not len(trained[0]):
+        return _NOWHERE, _NOWHERE
+    return statistics.lower(*trained), statistics.lower(trained[0] - trained[1], untrained[0] - untrained[1])
 
 
 _ENCODING = {

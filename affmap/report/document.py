@@ -66,7 +66,7 @@ def write(output: Path, jobs: Sequence[Job], *, title: str, command: str, notice
         "title": title,
         "notice": notice or "",
         "figures": {name: {"caption": texts[name], "width": width} for name, width in drawn.items()},
-        "deviations": (_HERE / "deviations.typ").read_text("utf-8"),
+        "deviations": provenance.fill((_HERE / "deviations.typ").read_text("utf-8"), results),
         **_sections(results, scores),
         **_origin(origin),
     }
@@ -93,9 +93,13 @@ def compile_document(data: dict[str, Any], root: Path) -> bytes:
 
 def claims_markdown(scores: Sequence[Score]) -> str:
     """The claims as a Markdown table."""
-    lines = ["| claim | statement | effect [95 % interval] | p | verdict |", "|---|---|---|---|---|"]
+    lines = [
+        "| claim | statement | effect [95 % interval] | p | p opposite | verdict |",
+        "|---|---|---|---|---|---|",
+    ]
     for row in _claim_rows(scores):
-        lines.append(f"| {row['name']} | {row['statement']} | {row['effect']} | {row['p']} | {row['verdict']} |")
+        cells = (row[key] for key in ("name", "statement", "effect", "p", "opposite", "verdict"))
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -131,12 +135,13 @@ def _claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
                     "detail": "; ".join(filter(None, detail)),
                     "effect": effect(outcome, item.claim.unit),
                     "p": p_value(outcome.p),
+                    "opposite": p_value(outcome.p_opposite),
                     "verdict": outcome.verdict.value,
                 }
             )
         if several:
             whole = {"name": item.claim.name, "statement": item.claim.statement, "detail": "all parts together"}
-            rows.append(whole | {"effect": NOTHING, "p": NOTHING, "verdict": item.verdict.value})
+            rows.append(whole | {"effect": NOTHING, "p": NOTHING, "opposite": NOTHING, "verdict": item.verdict.value})
     return rows
 
 
@@ -145,11 +150,9 @@ def _sections(results: Results, scores: Sequence[Score]) -> dict[str, Any]:
     return {
         "count": captions.verdict_count(scores),
         "changes": captions.changes(results),
+        "findings": captions.findings(scores),
         "setting": _setting(results),
-        "costs": [
-            [stage, str(folders), number(seconds, 0), f"{number(memory, 0)} MiB"]
-            for stage, folders, seconds, memory in provenance.costs(results)
-        ],
+        "costs": [[stage, str(folders), number(seconds, 0)] for stage, folders, seconds in provenance.costs(results)],
         "rule": _RULE,
         "claims": _claim_rows(scores),
         "ranges": _RANGES,
@@ -179,8 +182,8 @@ def _setting(results: Results) -> str:
     epochs = results.last_epoch["epoch"].unique()
     sizes = ", ".join(map(str, results.context_sizes))
     planners = " and ".join(_PLANNER_NAMES[planner] for planner in results.planners)
-    memory = max(memory for _, _, _, memory in provenance.costs(results))
-    seconds = sum(seconds for _, _, seconds, _ in provenance.costs(results))
+    memory = max(record["peak_memory_mib"] for record in results.provenance.values())
+    seconds = sum(seconds for _, _, seconds in provenance.costs(results))
     return (
         f"Context sizes {sizes}; {_span(members)} members each, trained for {_span(pd.Series(epochs))} epochs; "
         f"planners: {planners}; {len(results.runs)} runs of control in total, in the world “{results.world.name}”. "
@@ -203,17 +206,17 @@ def _origin(origin: dict[str, Any]) -> dict[str, Any]:
             stage["digest"][:12],
             str(stage["started"]),
             number(stage["seconds"], 0),
-            _shortened([f"{name} = {value}" for name, value in stage["differs"].items()]),
+            _setting_of(stage["differs"]),
         ]
         for stage in origin["stages"]
     ]
     return {"provenance": lines, "stages": rows}
 
 
-def _shortened(items: list[str], room: int = 4) -> str:
-    """The first items; `provenance.json` has them all."""
-    more = f" and {len(items) - room} more" if len(items) > room else ""
-    return ", ".join(items[:room]) + more or NOTHING
+def _setting_of(differs: dict[str, Any]) -> str:
+    """What tells a stage from the first of its kind; `provenance.json` has every difference."""
+    names = {"model.context_size": "context size", "planner.kind": "planner", "lookup.kind": "look-up"}
+    return ", ".join(f"{name} {differs[key]}" for key, name in names.items() if key in differs) or NOTHING
 
 
 def _plain(value: Any) -> str:

@@ -1,5 +1,6 @@
 """Whole figures out of panels, and their files: PNG to look at, PDF (vector) to print, the same bytes every time."""
 
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -58,7 +59,8 @@ def draw_all(results: Results, folder: Path, notice: str | None) -> dict[str, fl
             if figure is None:
                 continue
             if notice:
-                figure.suptitle(notice, color="red", fontsize=8, fontweight="bold")
+                lines = textwrap.wrap(notice, round(11 * figure.get_figwidth()))
+                figure.suptitle("\n".join(lines), color="red", fontsize=8, fontweight="bold")
             figure.savefig(folder / f"{name}.png", dpi=200, metadata={"Software": None})
             figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
             widths[name] = float(figure.get_figwidth())
@@ -97,7 +99,7 @@ def figure5(results: Results) -> Figure | None:
     for ax, example in zip(axes, examples, strict=True):
         panels.trajectory(ax, example.paths, example.problem, example.step, results.world)
         ax.set_title(f"context size {example.context_size}, step {example.step}", loc="left")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False)
     return figure
 
 

@@ -13,11 +13,8 @@ from affmap.report.tables import Circle, Floats, Maps, World
 
 Mask = NDArray[np.bool_]
 
-VEHICLE_RADIUS = 0.06
-"""u; the vehicle's centre is never closer than this to a surface."""
-
-TOUCHING = 0.10
-"""u; nodes between the vehicle's radius and this distance of a surface count as beside it."""
+BESIDE = 0.04
+"""u; nodes where the vehicle's rim is at most this far from a surface count as beside it."""
 
 VIEW_SIDE = 0.5
 """u; side of the square that a view shows."""
@@ -42,7 +39,7 @@ def surface_distance(nodes: Floats, world: World) -> Floats:
 
 def reachable(nodes: Floats, world: World) -> Mask:
     """Can the vehicle's centre be at the positions `[..., 2]`? -> `[...]`."""
-    return surface_distance(nodes, world) >= VEHICLE_RADIUS - _EPSILON
+    return surface_distance(nodes, world) >= world.vehicle_radius - _EPSILON
 
 
 def colors(codes: Floats, fit: Mask) -> Floats:
@@ -95,7 +92,7 @@ def obstacle_contrast(maps: Maps, world: World) -> tuple[Floats, Floats]:
     nodes = maps.nodes
     distance = surface_distance(nodes, world)
     possible = reachable(nodes, world)
-    beside = possible & (distance <= TOUCHING + _EPSILON)
+    beside = possible & (distance <= _touching(world))
     rest = possible & ~beside
     free = possible & _sees_only(nodes, world, ())
     if not (beside.any() and rest.any() and free.any()):
@@ -135,8 +132,12 @@ def side_match(maps: Maps, world: World) -> tuple[Floats, Floats]:
     return np.mean(matching, axis=0) / scale, np.mean(others, axis=0) / scale
 
 
+def _touching(world: World) -> float:
+    return world.vehicle_radius + BESIDE + _EPSILON
+
+
 def _beside_border(nodes: Floats, world: World, side: str) -> Mask:
-    return (_border_distance(nodes, world, side) <= TOUCHING + _EPSILON) & _sees_only(nodes, world, (side,))
+    return (_border_distance(nodes, world, side) <= _touching(world)) & _sees_only(nodes, world, (side,))
 
 
 def _beside_obstacles(maps: Maps, world: World, side: str) -> Mask:
@@ -147,7 +148,7 @@ def _beside_obstacles(maps: Maps, world: World, side: str) -> Mask:
     for circle in world.obstacles:
         offset = nodes - (circle.x, circle.y)
         on_axis = (np.abs(offset[..., 1 - axis]) <= spacing / 2 + _EPSILON) & (sign * offset[..., axis] > 0)
-        near = _circle_distance(nodes, circle) <= TOUCHING + _EPSILON
+        near = _circle_distance(nodes, circle) <= _touching(world)
         mask |= on_axis & near & _sees_only(nodes, world, (circle,))
     return mask
 

@@ -23,6 +23,9 @@ PLANNER_COLORS = {"cem": "#0072B2", "gradient": "#E69F00"}  # Okabe and Ito: tol
 EFFECT_COLORS = {"obstacle": "0.55", "fog": "#9ecae1", "force_up": "#a1d99b", "force_down": "#fdae6b", "none": "0.9"}
 VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
 
+NUM_DEVIATIONS = 3
+"""Radius of the circles of predicted uncertainty, in standard deviations."""
+
 LABELS = {
     "validation_nll": "validation NLL (nats)",
     "prediction_error": "prediction error (nats)",
@@ -93,6 +96,8 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, paper: tuple[float, float] 
             ax=ax,
         )
     ax.set(xlabel="context size", ylabel=LABELS[metric])
+    if runs[metric].min() >= 0:  # a length or a count: let its zero be seen
+        ax.set_ylim(bottom=0)
     return _legend_above(ax)
 
 
@@ -155,7 +160,7 @@ def world_map(ax: Axes, world: World) -> Axes:
     for corner in ((near, near), (far_x, near), (near, far_y), (far_x, far_y)):
         ax.add_patch(Rectangle(corner, world.start_side, world.start_side, fill=False, ec=GOAL_COLOR, ls="--", lw=1.0))
     middle = near + world.start_side / 2
-    ax.add_patch(Disc((middle, middle), maps.VEHICLE_RADIUS, color=VEHICLE_COLOR, lw=0, zorder=3))
+    ax.add_patch(Disc((middle, middle), world.vehicle_radius, color=VEHICLE_COLOR, lw=0, zorder=3))
     return arena(ax, world)
 
 
@@ -189,13 +194,22 @@ def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Worl
     plan = np.vstack([past[-1:], paths.planned_position[index, step]])  # [1 + H, 2]
     deviation = paths.planned_std[index, step]  # [H, 2]
     ax.plot(*past.T, color="black", lw=1.3, zorder=4, label="past path")
+    ax.plot(*past[0], "s", color="black", ms=4, ls="", zorder=4, label="start")
     ax.plot(*plan.T, color=PLANNER_COLORS["cem"], lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
-    for mean, (width, height) in zip(plan[1:], 2 * deviation, strict=True):
+    for mean, (width, height) in zip(plan[1:], 2 * NUM_DEVIATIONS * deviation, strict=True):
         ax.add_patch(Ellipse(mean, width, height, fill=False, ec=PLANNER_COLORS["cem"], lw=0.6, alpha=0.6, zorder=3))
-    ax.add_patch(Disc(past[-1], maps.VEHICLE_RADIUS, color=VEHICLE_COLOR, lw=0, zorder=6))
+    ax.add_patch(Disc(past[-1], world.vehicle_radius, color=VEHICLE_COLOR, lw=0, zorder=6))
     ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=7, mew=2.0, ls="", zorder=7, label="goal")
     # Empty lines for the legend, where a patch would be a rectangle.
-    ax.plot([], [], "o", mfc="none", mec=PLANNER_COLORS["cem"], mew=0.6, label="predicted uncertainty (1 sd)")
+    ax.plot(
+        [],
+        [],
+        "o",
+        mfc="none",
+        mec=PLANNER_COLORS["cem"],
+        mew=0.6,
+        label=f"uncertainty ({NUM_DEVIATIONS} sd)",
+    )
     ax.plot([], [], "o", color=VEHICLE_COLOR, label="vehicle")
     return arena(ax, world)
 

@@ -1,8 +1,10 @@
 """Where the results come from: the stages' own provenance, once each, without what they repeat."""
 
+import re
 from typing import Any
 
 from affmap.report.tables import STAGES, Results
+from affmap.report.text import NOTHING
 
 _SHARED = ("versions", "git", "machine", "command")
 """What most stages of a sweep agree on: its distinct values are listed once."""
@@ -40,13 +42,26 @@ def summarize(results: Results) -> dict[str, Any]:
     }
 
 
-def costs(results: Results) -> list[tuple[str, int, float, float]]:
-    """Per kind of stage: its name, number of folders, seconds in total, and peak memory of a process in MiB."""
+def fill(template: str, results: Results) -> str:
+    """Put the values that were used into a text that names them as `${group.key}`; an en dash where one was not."""
+    values: dict[str, Any] = {}
+    for job in results.jobs:
+        config = results.provenance[job.control]["config"]
+        values = _leaves(config) | {f"{job.planner}.{key}": value for key, value in config["planner"].items()} | values
+    pattern = re.compile(r"\$\{([a-z_.]+)\}")
+    return pattern.sub(lambda match: _shown(values.get(match[1])), template)
+
+
+def _shown(value: Any) -> str:
+    return NOTHING if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def costs(results: Results) -> list[tuple[str, int, float]]:
+    """Per kind of stage: its name, number of folders, and seconds in total."""
     rows = []
     for stage in STAGES:
         records = [results.provenance[folder] for folder in dict.fromkeys(getattr(job, stage) for job in results.jobs)]
-        seconds = sum(record.get("seconds") or 0.0 for record in records)
-        rows.append((stage, len(records), seconds, max(record.get("peak_memory_mib") or 0.0 for record in records)))
+        rows.append((stage, len(records), sum(record.get("seconds") or 0.0 for record in records)))
     return rows
 
 

@@ -83,6 +83,7 @@ class World:
     """Distance of the four start squares to the borders."""
     start_side: float
     """Side of a start square."""
+    vehicle_radius: float
 
     @property
     def obstacles(self) -> tuple[Circle, ...]:
@@ -95,12 +96,19 @@ class Maps(NamedTuple):
 
     codes: Floats
     """`[M, Y, X, C]` context codes at the nodes."""
+    initial_codes: Floats
+    """`[M, Y, X, C]`, the same before training."""
     x: Floats
     """`[X]` in u."""
     y: Floats
     """`[Y]` in u."""
     member: NDArray[np.integer]
     """`[M]`."""
+
+    @property
+    def untrained(self) -> "Maps":
+        """The maps of the same members before training."""
+        return self._replace(codes=self.initial_codes)
 
     @property
     def nodes(self) -> Floats:
@@ -201,11 +209,14 @@ class Results:
     @cached_property
     def world(self) -> World:
         """The world that all jobs were controlled in."""
-        layouts = [self.provenance[job.map]["config"]["layout"] for job in self.jobs]
-        for layout in layouts[1:]:
-            if layout != layouts[0]:
-                raise ValueError(f"a report is about one layout, got {layouts[0]['name']!r} and {layout['name']!r}")
-        return _world(layouts[0])
+        configs = [self.provenance[job.map]["config"] for job in self.jobs]
+        layout = configs[0]["layout"]
+        for config in configs[1:]:
+            if config["layout"] != layout:
+                raise ValueError(
+                    f"a report is about one layout, got {layout['name']!r} and {config['layout']['name']!r}"
+                )
+        return _world(layout, configs[0]["vehicle"])
 
     def trajectories(self, context_size: int, planner: str) -> Trajectories | None:
         """What control recorded in one setting, or None where it was not run."""
@@ -260,7 +271,7 @@ def _read_arrays(record: type[Record], path: Path) -> Record:
         return record(**{field: arrays[field][()] for field in record._fields})
 
 
-def _world(layout: dict[str, Any]) -> World:
+def _world(layout: dict[str, Any], vehicle: dict[str, Any]) -> World:
     circles: Iterable[dict[str, Any]] = layout["circles"]
     return World(
         name=layout["name"],
@@ -268,4 +279,5 @@ def _world(layout: dict[str, Any]) -> World:
         circles=tuple(Circle(c["center"][0], c["center"][1], c["radius"], c["effect"]) for c in circles),
         start_margin=float(layout["start_margin"]),
         start_side=float(layout["start_side"]),
+        vehicle_radius=float(vehicle["radius"]),
     )

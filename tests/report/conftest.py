@@ -37,7 +37,7 @@ def write_stages() -> WriteStages:
 @pytest.fixture
 def world() -> World:
     """The world of Experiment I."""
-    return World("original", (3.0, 2.0), tuple(Circle(x, y, 0.2, "obstacle") for x, y in CENTERS), 0.1, 0.2)
+    return World("original", (3.0, 2.0), tuple(Circle(x, y, 0.2, "obstacle") for x, y in CENTERS), 0.1, 0.2, 0.06)
 
 
 def _write_stages(
@@ -58,14 +58,21 @@ def _write_stages(
     counts[5, 4] = 0
     np.savez(data / "coverage.npz", counts=counts, free=free, coverage=(counts > 0)[free].mean())
     for size in context_sizes:
-        config = {"layout": LAYOUT, "model": {"context_size": size}, "members": members, "training": {"epochs": epochs}}
+        config = {
+            "layout": LAYOUT,
+            "vehicle": {"radius": 0.06},
+            "model": {"context_size": size},
+            "members": members,
+            "training": {"epochs": epochs},
+        }
         train, maps = _stage(root, "train", f"t{size}", config), _stage(root, "map", f"m{size}", config)
         _validation(size, members, epochs).to_csv(train / "validation.csv", index=False)
         x, y = np.arange(151) * 0.02, np.arange(101) * 0.02
         codes = np.stack([_codes(x, y, size, member) for member in range(members)])
-        np.savez(maps / "maps.npz", codes=codes, x=x, y=y, member=np.arange(members))
+        untrained = np.random.default_rng(5).normal(size=codes.shape)  # codes that say nothing of the place
+        np.savez(maps / "maps.npz", codes=codes, initial_codes=untrained, x=x, y=y, member=np.arange(members))
         for planner in planners:
-            control = _stage(root, "control", f"c{size}{planner}", config | {"planner": {"name": planner}})
+            control = _stage(root, "control", f"c{size}{planner}", config | {"planner": {"kind": planner}})
             _control(control, size, planner, members, steps)
             jobs.append(Job(size, planner, data, train, maps, control))
     return jobs

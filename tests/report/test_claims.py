@@ -104,3 +104,15 @@ def test_tables_name_what_is_wrong(results: Results, tmp_path: Path) -> None:
     pd.DataFrame({"member": [0]}).to_csv(tmp_path / "runs.csv")
     with pytest.raises(ValueError, match="lacks the columns"):
         _ = Results((Job(0, "cem", tmp_path, tmp_path, tmp_path, tmp_path),)).runs
+
+
+def test_what_an_untrained_map_shows_already_was_not_learned(write_stages: WriteStages, tmp_path: Path) -> None:
+    """By construction the maps are the same before and after training: the contrasts hold, but were not learned."""
+    jobs = write_stages(tmp_path, context_sizes=(8,))
+    with np.load(jobs[0].map / "maps.npz") as arrays:
+        content = dict(arrays)
+    np.savez(jobs[0].map / "maps.npz", **{**content, "initial_codes": content["codes"]})
+    (encoding,) = [score for score in claims.score(Results(tuple(jobs))) if score.claim.name == "I-8"]
+    verdicts = {part.name: part.outcome.verdict for part in encoding.parts}
+    assert verdicts["a"] == verdicts["b"] == Verdict.HOLDS
+    assert verdicts["a, learned"] == verdicts["b, learned"] == encoding.verdict == Verdict.NOT_DECIDED

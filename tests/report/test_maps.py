@@ -35,7 +35,7 @@ def stack(codes: np.ndarray, members: int = 6) -> Maps:
     angles = np.arange(members)
     turns = np.stack([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]]).transpose(2, 0, 1)
     turned = np.einsum("yxc,mcd->myxd", codes, turns) / (1 + angles)[:, None, None, None]
-    return Maps(turned.astype(np.float32), X, Y, np.arange(members))
+    return Maps(turned.astype(np.float32), np.zeros(turned.shape), X, Y, np.arange(members))
 
 
 def test_surface_distance_by_hand(world: World) -> None:
@@ -74,16 +74,16 @@ def test_codes_that_point_away_from_obstacles_fail_the_second_part(world: World)
 def test_a_constant_map_decides_nothing(world: World) -> None:
     codes = np.full((6, 101, 151, 3), np.float32(0.1))
     for compare in (maps.obstacle_contrast, maps.side_match):
-        outcome = statistics.lower(*compare(Maps(codes, X, Y, np.arange(6)), world))
+        outcome = statistics.lower(*compare(Maps(codes, codes, X, Y, np.arange(6)), world))
         assert outcome.verdict == Verdict.NOT_DECIDED
 
 
 def test_a_world_where_nothing_can_be_seen_alone_gives_no_scores() -> None:
-    crowded = World("crowded", (3.0, 2.0), (Circle(1.5, 1.0, 0.9, "obstacle"),), 0.1, 0.2)
+    crowded = World("crowded", (3.0, 2.0), (Circle(1.5, 1.0, 0.9, "obstacle"),), 0.1, 0.2, 0.06)
     arrays = stack(blocked_direction_codes(crowded))
     smaller, larger = maps.side_match(arrays, crowded)
     assert len(smaller) == len(larger)
-    no_obstacle = World("empty", (3.0, 2.0), (), 0.1, 0.2)
+    no_obstacle = World("empty", (3.0, 2.0), (), 0.1, 0.2, 0.06)
     assert len(maps.side_match(arrays, no_obstacle)[0]) == 0
 
 

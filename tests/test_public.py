@@ -1,0 +1,47 @@
+"""What a user meets first: the names of the package, and the README against the files it quotes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import affmap
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("name", affmap.__all__)
+def test_every_public_name_is_there(name: str) -> None:
+    """By hand: the name is that of the object."""
+    assert getattr(affmap, name).__name__ == name
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'Ensemble'"):
+        affmap.Ensemble  # noqa: B018
+
+
+def test_importing_the_package_needs_no_torch() -> None:
+    """In a process of its own."""
+    code = "import sys, affmap; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("table", ["exp1/tables/claims.md", "lookups/tables/lookup.md"])
+def test_the_readme_quotes_the_reference_results(table: str) -> None:
+    """Golden: the tables that the commands wrote, word for word."""
+    assert (ROOT / "runs/reference" / table).read_text("utf-8") in (ROOT / "README.md").read_text("utf-8")
+
+
+def test_the_readme_lists_every_module() -> None:
+    """One line a file."""
+    readme = (ROOT / "README.md").read_text("utf-8")
+    files = [path for path in (ROOT / "affmap").rglob("*.py") if path.name != "__init__.py"]
+    files += (ROOT / "conf").rglob("*.yaml")
+    missing = [
+        path.name
+        for path in files
+        if f"{path.parent.name}/{path.name}" not in readme and f" {path.name} " not in readme
+    ]
+    assert missing == []
