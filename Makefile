@@ -34,7 +34,7 @@ exp1: $(READY)  ## Experiment I: explore, train, control, report (SCALE=smoke: a
 	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
-lookups: $(READY)  ## control with the affordance map and with exact look-ups compared (about ten minutes after exp1)
+lookups: $(READY)  ## control with the affordance map and with exact look-ups compared (about ten minutes; after exp1)
 	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 

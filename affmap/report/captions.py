@@ -120,7 +120,7 @@ def _figure4(results: Results, scores: Sequence[Score]) -> str:
         )
     return (
         f"As the paper's Figure 4. (A) Validation loss: mean and standard deviation (shade) over {members} members; "
-        f"{says['I-1']}. {spikes(results)} (B) {code} (C) Prediction error and (D) mean distance to the goal "
+        f"{says['I-1']}. (B) {code} (C) Prediction error and (D) mean distance to the goal "
         f"in control, {per_box} runs a box; {', '.join(says[f'I-{index}'] for index in range(2, 8))}. "
         "Boxes: median and quartiles; whiskers end at the last point within 1.5 interquartile ranges, points "
         "beyond are not drawn. EB: evolutionary-based, GB: gradient-based. Dotted lines: lowest and highest tick "

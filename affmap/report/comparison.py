@@ -38,8 +38,8 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
     """Compare every value of `factor` with the first one, for each planner, context size and metric.
 
     Returns:
-        One row per comparison: means over members of either value, the mean difference (other minus first) with its
-        95 % bootstrap interval over members (none with fewer than 5), the margin, and the verdict.
+        One row per comparison: means and medians over runs of either value, the mean difference (other minus first)
+        with its 95 % bootstrap interval over members (none with fewer than 5), the margin, and the verdict.
 
     Raises:
         ValueError: `factor` has a single value.
@@ -51,6 +51,7 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
     for (planner, context_size), group in runs.groupby(["planner", "context_size"]):
         for metric, (unit, margin) in MARGINS.items():
             scores = score_matrix(group, metric, [factor])  # [M, values]
+            medians = group.groupby(factor)[metric].median()
             for other in others:
                 difference = scores[other] - scores[first]
                 enough = len(difference) >= statistics.MIN_MEMBERS
@@ -66,6 +67,8 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
                         "b": other,
                         "mean_a": scores[first].mean(),
                         "mean_b": scores[other].mean(),
+                        "median_a": medians[first],
+                        "median_b": medians[other],
                         "difference": difference.mean(),
                         "low": low,
                         "high": high,
@@ -88,14 +91,16 @@ def verdict(low: float | None, high: float | None, margin: float) -> str:
 def markdown(table: pd.DataFrame, factor: str) -> str:
     """A table of `compare` as Markdown."""
     lines = [
-        f"| planner | context size | metric | {factor} | mean | difference [95 % interval] | margin | verdict |",
-        "|---|---|---|---|---|---|---|---|",
+        f"| planner | context size | metric | {factor} | mean | median | difference [95 % interval] | margin "
+        "| verdict |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for _, row in table.iterrows():
         interval = f" [{number(row['low'], sign=True)}, {number(row['high'], sign=True)}]"
         lines.append(
             f"| {row['planner']} | {row['context_size']} | {row['metric'].replace('_', ' ')} ({row['unit']}) | "
             f"{row['a']}, {row['b']} | {number(row['mean_a'])}, {number(row['mean_b'])} | "
+            f"{number(row['median_a'])}, {number(row['median_b'])} | "
             f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else NOTHING} | "
             f"±{row['margin']:g} | {row['verdict']} |"
         )

@@ -150,7 +150,7 @@ def _sections(results: Results, scores: Sequence[Score]) -> dict[str, Any]:
     return {
         "count": captions.verdict_count(scores),
         "changes": captions.changes(results),
-        "findings": captions.findings(scores),
+        "findings": [*captions.findings(scores), captions.spikes(results)],
         "setting": _setting(results),
         "costs": [[stage, str(folders), number(seconds, 0)] for stage, folders, seconds in provenance.costs(results)],
         "rule": _RULE,

@@ -31,6 +31,7 @@ def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) 
     distance = row(comparison.compare(runs(shift), "lookup"), "mean_distance")
     assert (distance["a"], distance["b"], distance["members"]) == ("map", "exact", 8)
     assert distance["difference"] == pytest.approx(shift, abs=0.001)
+    assert distance["median_b"] - distance["median_a"] == pytest.approx(shift, abs=0.02)
     assert distance["difference"] == pytest.approx(distance["mean_b"] - distance["mean_a"])
     assert distance["verdict"] == verdict
 
@@ -75,4 +76,4 @@ def test_the_markdown_has_a_row_per_comparison() -> None:
     """By hand: three metrics, a head of two lines."""
     lines = comparison.markdown(comparison.compare(runs(0.1), "lookup"), "lookup").splitlines()
     assert len(lines) == 2 + 3
-    assert all(line.count("|") == 9 for line in lines)
+    assert all(line.count("|") == 10 for line in lines)
