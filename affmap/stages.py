@@ -18,7 +18,7 @@ from affmap.model.stack import Stack
 from affmap.progress import track
 from affmap.report.tables import Job
 from affmap.settings import ConfigError
-from affmap.store import Stage
+from affmap.store import Stage, Store
 
 log = logging.getLogger("affmap")
 
@@ -56,7 +56,7 @@ def check_models(config: Config) -> None:
     Raises:
         ConfigError: it has not.
     """
-    if config.models == "reference" and config.open_store().find(config.train_stage) is None:
+    if config.models == "reference" and Store(config.reference).find(config.train_stage) is None:
         raise ConfigError(
             f"{config.reference} holds no models of this configuration (stage train, {config.train_stage.digest}); "
             "train them with models=train, or undo the changes to them and to their data."
