@@ -24,6 +24,8 @@ from affmap.store import PROVENANCE
 
 log = logging.getLogger("affmap")
 
+_MULTIRUN = ("-m", "--multirun")
+
 
 def _found(configs: list[Config]) -> list[Job]:
     """Where the stages of all jobs are.
@@ -62,13 +64,17 @@ def _job(composed: DictConfig) -> None:
         raise
 
 
+def _flags() -> list[str]:
+    """The flags of the command line, except the one for sweeps, which is set where it is needed."""
+    return [argument for argument in sys.argv[1:] if argument.startswith("-") and argument not in _MULTIRUN]
+
+
 def _command(body: Callable[[list[str], list[Config]], None]) -> None:
     """Read the command line, check every job of it, and run `body`; a mistake in it is told in a sentence."""
-    arguments = [argument for argument in sys.argv[1:] if argument not in ("-m", "--multirun")]
     try:
-        if flags := [argument for argument in arguments if argument.startswith("-")]:
+        if flags := _flags():
             raise ConfigError(f"{flags[0]} is not known here; give Hydra overrides, such as experiment=exp1.")
-        overrides = sweep.complete(arguments)
+        overrides = sweep.complete([argument for argument in sys.argv[1:] if argument not in _MULTIRUN])
         body(overrides, sweep.jobs(overrides))
     except (ConfigError, HydraException, OmegaConfBaseException) as error:
         print(error, file=sys.stderr)
@@ -77,7 +83,7 @@ def _command(body: Callable[[list[str], list[Config]], None]) -> None:
 
 def main() -> None:
     """`affmap`: run what is not complete yet."""
-    if any(argument.startswith("-") and argument not in ("-m", "--multirun") for argument in sys.argv[1:]):
+    if _flags():
         _job()  # Hydra's own flags, such as --help and --cfg
         return
     _command(_run_sweep)
@@ -143,8 +149,9 @@ def _publish(_: list[str], configs: list[Config]) -> None:
     new.replace(kept)
     for trained in {job.train for job in jobs}:
         target = first.reference / "train" / trained.name
+        if trained == target:  # the models were taken from there
+            continue
         target.mkdir(parents=True, exist_ok=True)
         for name in ("weights.safetensors", "validation.csv", PROVENANCE):
-            if trained != target:
-                shutil.copy(trained / name, target)
+            shutil.copy(trained / name, target)
     print(f"Kept in {kept} and {first.reference}")

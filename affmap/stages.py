@@ -33,8 +33,9 @@ def stages(config: Config) -> tuple[Stage, ...]:
 def find(config: Config) -> Job | None:
     """Where the stages of a job are, or None if one is not complete."""
     store = config.open_store()
-    folders = [found for stage in stages(config) if (found := store.find(stage))]
-    return Job(config.model.context_size, config.planner.kind, *folders) if len(folders) == 4 else None
+    folders = [store.find(stage) for stage in stages(config)]
+    complete = [folder for folder in folders if folder]
+    return Job(config.model.context_size, config.planner.kind, *complete) if len(complete) == len(folders) else None
 
 
 def run(config: Config) -> Job:

@@ -34,6 +34,13 @@ def test_the_readme_quotes_the_reference_results(table: str) -> None:
     assert (ROOT / "runs/reference" / table).read_text("utf-8") in (ROOT / "README.md").read_text("utf-8")
 
 
+def test_the_readme_quotes_the_effect_at_a_stronger_contact_damping() -> None:
+    """Golden: the effect of claim I-5 as the table of that run has it."""
+    table = (ROOT / "runs/reference/damped/tables/claims.md").read_text("utf-8").splitlines()
+    (effect,) = [line.split("|")[3].strip() for line in table if line.startswith("| I-5 ")]
+    assert effect in (ROOT / "README.md").read_text("utf-8")
+
+
 def test_the_readme_lists_every_module() -> None:
     """One line a file."""
     readme = (ROOT / "README.md").read_text("utf-8")

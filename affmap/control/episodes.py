@@ -3,6 +3,7 @@
 All runs of a stack go on side by side, one vehicle environment each. Knows agents and environments.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -48,7 +49,7 @@ def control(
         for env, (seed, run) in zip(envs, pairs, strict=True)
     ]
     observation = _batch([start for start, _ in starts], settings.device)
-    record: dict[str, list[np.ndarray]] = {key: [] for key in _STEP_KEYS}
+    record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     positions = [np.stack([info["position"] for _, info in starts])]
     state = agent.initial(len(pairs))
     for step in range(settings.num_steps):
@@ -66,18 +67,9 @@ def control(
     return Runs(summarise(trajectories), trajectories)
 
 
-_STEP_KEYS = (
-    "action",
-    "planned_position",
-    "planned_std",
-    "prediction_error",
-    "touching",
-    "in_fog",
-    "reached",
-)
-
-
-def _note(record: dict[str, list[np.ndarray]], decision: Decision, after: Observation, infos: list[dict]) -> None:
+def _note(
+    record: defaultdict[str, list[np.ndarray]], decision: Decision, after: Observation, infos: list[dict]
+) -> None:
     """Keep what was decided, and what came of it."""
     values = {
         "action": decision.action,
