@@ -41,5 +41,5 @@ class Stack(nn.Module):
     def encode(self, windows: Windows) -> Tensor:
         """Context codes of views `[M or 1, ...]` (see `VisionModel.encode`): `[M, ..., C]`."""
         if self.vision is None:
-            return windows.patches.new_zeros(len(self.seeds), *windows.ids.shape[1:-1], 0)
+            return windows.patches.new_zeros(len(self.seeds), *windows.ids.shape[1:], 0)
         return self.vision.encode(windows)

@@ -30,6 +30,21 @@ class StackedLinear(nn.Module):
 
     def forward(self, inputs: Tensor) -> Tensor:
         """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`, with at least one axis between."""
-        flat = inputs.flatten(1, -2)
-        outputs = flat @ self.weight if self.bias is None else torch.baddbmm(self.bias[:, None], flat, self.weight)
-        return outputs.view(*inputs.shape[:-1], -1)
+        return self._product(inputs, self.weight, self.bias)
+
+    def after_tanh(self, inputs: Tensor) -> Tensor:
+        """What `forward` makes of tanh(inputs), several times as fast on a CPU.
+
+        tanh(x) = 2 sigmoid(2 x) - 1, and PyTorch's sigmoid is the faster of the two; factor and shift go into weights.
+        """
+        shift = -self.weight.sum(1)
+        bias = shift if self.bias is None else self.bias + shift
+        return self._product((2 * inputs).sigmoid(), 2 * self.weight, bias)
+
+    @staticmethod
+    def _product(inputs: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
+        # Features are last in the shape and first in memory: one row a feature makes everything around the products
+        # faster, the more so the fewer the features are.
+        columns = inputs.flatten(1, -2).mT
+        outputs = weight.mT @ columns if bias is None else torch.baddbmm(bias[..., None], weight.mT, columns)
+        return outputs.mT.unflatten(1, inputs.shape[1:-1])

@@ -43,9 +43,10 @@ class TransitionModel(nn.Module):
         Returns:
             The new carry, and a Gaussian of `[M, ..., 2]` in u/step.
         """
-        inputs = [part.expand(*code.shape[:-1], -1) for part in (self.delta_scale * delta, action, code)]
-        hidden = self.hidden(torch.cat(inputs, dim=-1)).tanh()
-        mean, log_std = self.output(hidden).split(2, dim=-1)
+        parts = (self.delta_scale * delta, action, code)
+        columns = [part.expand(*code.shape[:-1], -1).flatten(1, -2).mT for part in parts]
+        hidden = self.hidden(torch.cat(columns, dim=1).mT)
+        mean, log_std = self.output.after_tanh(hidden).unflatten(1, code.shape[1:-1]).split(2, dim=-1)
         return carry, Gaussian(mean / self.delta_scale, log_std - math.log(self.delta_scale))
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:

@@ -4,10 +4,12 @@ Convolution - tanh - max-pooling - convolution - linear - linear, tanh after eac
 nothing of positions, motion or the world.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
+from torch.nn.functional import embedding
 
 from affmap.model.stacked import Generators, StackedLinear, uniform
 from affmap.model.windows import PER_SIDE, Windows
@@ -36,17 +38,50 @@ def _placement() -> Tensor:
 
 
 def _winners(convolved: Tensor, patch_ids: Tensor) -> Tensor:
-    """Which patch has the largest value in each window: rows of `convolved` `[V, F]`, as `[U, F]` int64.
+    """Which patch has the largest value in each window: for features of patches `[F, V]`, `[F, U]` int64.
 
-    Comparing nine times is faster than `argmax` over an axis in the middle, or than the gradient of `maximum`.
+    Comparing nine times, with bytes for the places, is faster than `max` over an axis and its gradient.
     """
     first, *others = patch_ids.unbind(1)
-    best, winner = convolved.index_select(0, first), first[:, None]
-    for patch in others:
-        value = convolved.index_select(0, patch)
-        winner = torch.where(value > best, patch[:, None], winner)
+    best = convolved.index_select(1, first)
+    place = torch.zeros(best.shape, dtype=torch.uint8, device=best.device)
+    for number, patch in enumerate(others, start=1):
+        value = convolved.index_select(1, patch)
+        place = torch.maximum(place, (value > best).view(torch.uint8) * number)
         best = torch.maximum(best, value)
-    return winner
+    return patch_ids.T.gather(0, place.long())
+
+
+class _Take(torch.autograd.Function):
+    """Columns of a matrix `[F, n]` by their numbers `[k]`: `[F, k]`.
+
+    As `index_select`, but gradients are added up in rows: columns that occur often (a blank window) would have every
+    addition wait for the one before.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, columns: Tensor, ids: Tensor) -> Tensor:
+        ctx.save_for_backward(ids)
+        ctx.num_columns = columns.shape[1]
+        return columns.index_select(1, ids)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+        (ids,) = ctx.saved_tensors
+        rows = gradient.new_zeros(ctx.num_columns, len(gradient))
+        return rows.index_add_(0, ids, gradient.T.contiguous()).T, None
+
+
+def _take(columns: Tensor, ids: Tensor) -> Tensor:
+    """Columns of `[M, F, n]` by their numbers `[...]`, the same for all M: `[M, F, ...]`."""
+    taken = _Take.apply(columns.flatten(0, 1), ids.flatten())
+    return taken.view(*columns.shape[:2], *ids.shape)
+
+
+def _tanh(inputs: Tensor) -> Tensor:
+    """Hyperbolic tangent, from the sigmoid, which PyTorch computes several times as fast on a CPU."""
+    return 2 * (2 * inputs).sigmoid() - 1
 
 
 class VisionModel(nn.Module):
@@ -69,35 +104,34 @@ class VisionModel(nn.Module):
         """Context codes of views.
 
         Args:
-            windows: views with leading axis M (each member its own) or 1 (all members the same): `[M or 1, ...]`, with
-                at least one more axis.
+            windows: views with leading axis M (each member its own) or 1 (all members the same), `[M or 1, ...]`,
+                with at least one more axis.
 
         Returns:
             `[M, ..., C]`, each in (-1, 1).
         """
-        ids = windows.ids.flatten(1, -2)  # [M or 1, P, 16]
-        table = self._window_features(windows)  # [U, M, q]
-        num_members, channels = table.shape[1:]
-        if len(ids) == 1:  # gather rows that hold all members' features: contiguous
-            rows = table.flatten(1).index_select(0, ids[0].flatten())  # several times faster than indexing
-            features = rows.view(*ids[0].shape, num_members, channels).permute(2, 0, 1, 3)
-        else:
-            members = torch.arange(num_members, device=ids.device)
-            features = table[ids, members[:, None, None]]  # [M, P, 16, q]
-        # On 4 x 4 inputs the second convolution is one product with a dense matrix [M, 16 q, 8 q].
-        dense = (self.conv2_weight.flatten(-2) @ self.placement).unflatten(-1, (PER_SIDE**2, 4))
-        dense = dense.permute(0, 3, 2, 1, 4).reshape(num_members, PER_SIDE**2 * channels, -1)
-        bias = self.conv2_bias.repeat_interleave(4, dim=1)[:, None]
-        hidden = torch.baddbmm(bias, features.reshape(num_members, -1, dense.shape[1]), dense).tanh()
-        codes = self.linear2(self.linear1(hidden).tanh()).tanh()
-        return codes.unflatten(1, windows.ids.shape[1:-1])
+        codes = self._encode_distinct(windows)  # [M, C, D]
+        if len(windows.ids) == 1:
+            return _take(codes, windows.ids[0]).movedim(1, -1)
+        first = torch.arange(len(codes), device=codes.device) * codes.shape[-1]
+        rows = windows.ids + first.view(-1, *[1] * (windows.ids.ndim - 1))
+        return embedding(rows, codes.mT.flatten(0, 1))
+
+    def _encode_distinct(self, windows: Windows) -> Tensor:
+        """Codes of the D distinct views, `[M, C, D]`."""
+        features = _take(self._window_features(windows), windows.window_ids.T).flatten(1, 2)  # [M, 16 q, D]
+        # On 4 x 4 inputs the second convolution is one product with a dense matrix [M, 8 q, 16 q].
+        dense = (self.conv2_weight.flatten(-2) @ self.placement).unflatten(-1, (PER_SIDE**2, 4))  # [M, 2 q, q, 16, 4]
+        dense = dense.permute(0, 1, 4, 2, 3).reshape(len(features), -1, features.shape[1])
+        bias = self.conv2_bias.repeat_interleave(4, dim=1)[..., None]
+        hidden = torch.baddbmm(bias, dense, features)  # [M, 8 q, D]
+        return _tanh(self.linear2.after_tanh(self.linear1.after_tanh(hidden.mT))).mT
 
     def _window_features(self, windows: Windows) -> Tensor:
-        """First convolution, pooling and tanh on each of the U distinct windows: `[U, M, q]`.
+        """First convolution, pooling and tanh on each of the U distinct windows: `[M, q, U]`.
 
         tanh comes after the maximum instead of before it: it is monotone, so the numbers are the same.
         """
-        weight = self.conv1_weight.flatten(2).permute(2, 0, 1)  # [K * 9, M, q]
-        convolved = windows.patches @ weight.flatten(1)  # [V, M * q]
-        pooled = convolved.gather(0, _winners(convolved.detach(), windows.patch_ids))  # [U, M * q]
-        return (pooled.unflatten(-1, weight.shape[1:]) + self.conv1_bias).tanh()
+        convolved = self.conv1_weight.view(self.conv1_bias.numel(), -1) @ windows.patches.T  # [M * q, V]
+        pooled = convolved.gather(1, _winners(convolved.detach(), windows.patch_ids))  # [M * q, U]
+        return _tanh(pooled.view(*self.conv1_bias.shape, -1) + self.conv1_bias[..., None])

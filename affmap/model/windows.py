@@ -1,11 +1,12 @@
-"""Views as references to the few distinct windows that they are made of.
+"""Views as references to the few distinct pictures, windows and patches that they are made of.
 
 The first convolution and the pooling of the vision model see a view only through 16 windows of 5 x 5 pixels, at
-stride 2. The sixty thousand views of a data set hold a million windows, but only some hundreds of *different* ones,
-and these only some dozens of different 3 x 3 patches: compute each of those once, then gather. Exact, because equal
-windows have equal features.
+stride 2. The sixty thousand views of a data set hold some thousands of *different* ones, these some hundreds of
+different windows, and these some dozens of different 3 x 3 patches: compute each of those once, then gather. Exact,
+because equal pixels have equal features.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import torch
@@ -14,42 +15,63 @@ from torch import Tensor
 WIDTH, STRIDE, PER_SIDE = 5, 2, 4
 """Pixels of a window's side, pixels between windows, windows along a view's side."""
 
+_BITS = 22
+"""Pixels to a word: float32 holds all integers up to 2 ** 24."""
+
 
 class Windows(NamedTuple):
-    """Views, taken apart."""
+    """Views `[...]`, taken apart."""
 
     ids: Tensor
-    """`[..., 16]` int64: which distinct window stands where in each view, row by row."""
+    """`[...]` int64: which of D distinct views each one is."""
+    window_ids: Tensor
+    """`[D, 16]` int64: which of U distinct windows stands where in each distinct view, row by row."""
     patch_ids: Tensor
-    """`[U, 9]` int64: which distinct patch stands where in each of the U distinct windows, row by row."""
+    """`[U, 9]` int64: which of V distinct patches stands where in each distinct window, row by row."""
     patches: Tensor
-    """`[V, K * 9]` float: the V distinct patches of 3 x 3 pixels."""
+    """`[V, K * 9]` float: the distinct patches of 3 x 3 pixels."""
 
     def select(self, key: Any) -> "Windows":
-        """Some of the views: `key` indexes the axes of `ids` before the last."""
-        return self._replace(ids=self.ids[key])
+        """Some of the views, and only the views and windows that occur in them: `key` indexes `ids`."""
+        views, ids = self.ids[key].unique(return_inverse=True)
+        windows, window_ids = self.window_ids.index_select(0, views).unique(return_inverse=True)
+        return Windows(ids, window_ids, self.patch_ids.index_select(0, windows), self.patches)
 
 
 def take_apart(views: Tensor) -> Windows:
-    """Find the distinct windows of `views` `[..., K, 11, 11]` bool.
+    """Find what is distinct in `views` `[..., K, 11, 11]` bool.
 
     Raises:
         TypeError: the views are not boolean.
     """
     if views.dtype != torch.bool:
         raise TypeError(f"views have dtype {views.dtype}; they must be torch.bool, as affmap.view.view returns them.")
-    # Each window's 25 pixels become one number, first along rows, then along columns.
-    place = torch.arange(WIDTH, dtype=torch.uint8, device=views.device)
-    rows = (views.byte().unfold(-1, WIDTH, STRIDE) << place).sum(-1, dtype=torch.int32)  # [..., K, 11, 4]
-    numbers = (rows.unfold(-2, WIDTH, STRIDE) << WIDTH * place).sum(-1).flatten(-2)  # [..., K, 16] int64
-    ids = torch.zeros_like(numbers[..., 0, :])
-    distinct = ids.new_zeros(1, 0)  # [U, channels so far]
-    for channel in numbers.unbind(-2):
-        combined, ids = torch.unique((ids << WIDTH**2) | channel, return_inverse=True)
-        new = combined & ((1 << WIDTH**2) - 1)
-        distinct = torch.cat([distinct[combined >> WIDTH**2], new[:, None]], dim=1)
-    pixels = (distinct[..., None] >> torch.arange(WIDTH**2, device=views.device)) & 1  # [U, K, 25]
-    pixels = pixels.float().unflatten(-1, (WIDTH, WIDTH))
-    patches = pixels.unfold(-2, 3, 1).unfold(-2, 3, 1).permute(0, 2, 3, 1, 4, 5)  # [U, 3, 3, K, 3, 3]
-    patches, patch_ids = torch.unique(patches.flatten(3).flatten(0, 2), dim=0, return_inverse=True)
-    return Windows(ids, patch_ids.view(-1, 9), patches)
+    pictures = views.reshape(-1, *views.shape[-3:])
+    first, ids = distinct(pictures.flatten(1))
+    windows = pictures[first].unfold(-2, WIDTH, STRIDE).unfold(-2, WIDTH, STRIDE)  # [D, K, 4, 4, 5, 5]
+    windows = windows.permute(0, 2, 3, 1, 4, 5).flatten(0, 2)  # [D * 16, K, 5, 5]
+    first, window_ids = distinct(windows.flatten(1))
+    patches = windows[first].unfold(-2, 3, 1).unfold(-2, 3, 1).permute(0, 2, 3, 1, 4, 5)  # [U, 3, 3, K, 3, 3]
+    patches = patches.flatten(3).flatten(0, 2)  # [U * 9, K * 9]
+    first, patch_ids = distinct(patches)
+    window_ids, patch_ids = window_ids.view(-1, PER_SIDE**2), patch_ids.view(-1, 9)
+    return Windows(ids.view(views.shape[:-3]), window_ids, patch_ids, patches[first].float())
+
+
+def distinct(pixels: Tensor) -> tuple[Tensor, Tensor]:
+    """Find the distinct rows of `pixels` `[n, k]` bool.
+
+    Returns:
+        Where one of each kind stands, `[D]`, and which kind each row is, `[n]`.
+    """
+    kinds, ids = words(pixels).unique(dim=0, return_inverse=True)
+    places = torch.arange(len(pixels), device=pixels.device)
+    return ids.new_empty(len(kinds)).scatter_(0, ids, places), ids
+
+
+def words(pixels: Tensor) -> Tensor:
+    """All of `[..., k]` bool in as few numbers as hold it exactly: `[..., k / 22, rounded up]` float32."""
+    place = torch.arange(pixels.shape[-1], device=pixels.device)
+    word = torch.arange(math.ceil(len(place) / _BITS), device=pixels.device)
+    weight = torch.where(place[:, None] // _BITS == word, 2.0 ** (place % _BITS)[:, None], 0.0)
+    return pixels.float() @ weight

@@ -98,7 +98,7 @@ def clip_per_member(gradients: Sequence[Tensor], max_norm: float) -> None:
 
     The same rule as `torch.nn.utils.clip_grad_norm_`, for each member by itself.
     """
-    squares = torch.stack([gradient.flatten(1).square().sum(1) for gradient in gradients])  # [parameters, M]
-    scale = (max_norm / (squares.sum(0).sqrt() + 1e-6)).clamp_max(1.0)
+    norm = torch.cat([gradient.flatten(1) for gradient in gradients], dim=1).norm(dim=1)  # [M]
+    scale = (max_norm / (norm + 1e-6)).clamp_max(1.0)
     for gradient in gradients:
         gradient.mul_(scale.view(-1, *[1] * (gradient.ndim - 1)))
