@@ -43,13 +43,16 @@ def view(world: Map, positions: Any) -> Any:
     xp = array_namespace(positions)
     pitch = EXTENT / PIXELS
     offsets = (xp.arange(PIXELS, dtype=positions.dtype, device=positions.device) - PIXELS // 2) * pitch
-    x = (positions[..., 0:1] + offsets)[..., None, :]  # [..., 1, 11]
-    y = (positions[..., 1:2] + offsets)[..., :, None]  # [..., 11, 1]
+    # Positions are last while pixels are drawn: many positions make long rows, which is several times as fast.
+    offsets = xp.reshape(offsets, (PIXELS, *[1] * (positions.ndim - 1)))
+    x = positions[..., 0] + offsets  # [11, ...]
+    y = (positions[..., 1] + offsets)[:, None]  # [11, 1, ...]
     width, height = world.size
-    border = (x < 0) | (x > width) | (y < 0) | (y > height)  # [..., 11, 11]
+    border = (x < 0) | (x > width) | (y < 0) | (y > height)  # [11, 11, ...]
     channels = [xp.zeros_like(border) for _ in range(world.num_channels)]
     channels[world.border_channel] = border
     for center_x, center_y, radius, channel in world.circles:
         inside = (x - center_x) ** 2 + (y - center_y) ** 2 <= radius**2
         channels[channel] = channels[channel] | inside
-    return xp.stack(channels, axis=-3)
+    picture = xp.stack(channels)  # [K, 11, 11, ...]
+    return xp.permute_dims(picture, (*range(3, picture.ndim), 0, 1, 2))

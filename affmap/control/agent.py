@@ -11,9 +11,8 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from torch import Tensor
 
 from affmap.gaussian import Gaussian, nll
-from affmap.model.lookup import Lookup
+from affmap.model.lookup import Lookup, ViewCodes
 from affmap.model.stack import Stack
-from affmap.model.windows import take_apart
 from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Planner
@@ -72,6 +71,7 @@ class Agent:
         """Put an agent together; `lookup` must belong to `stack`."""
         self._stack = stack.requires_grad_(False)
         self._lookup, self._planner, self._settings = lookup, planner, settings
+        self._codes = ViewCodes(self._stack)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -125,7 +125,7 @@ class Agent:
             part.unflatten(0, (num_members, -1)) for part in (observation.view, observation.delta, action)
         )
         transition = self._stack.transition
-        _, prediction = transition.step(transition.initial(), self._stack.encode(take_apart(view)), delta, action)
+        _, prediction = transition.step()(transition.initial(), self._codes(view), delta, action)
         return Gaussian(*(part.flatten(0, 1) for part in prediction))
 
 

@@ -10,10 +10,10 @@ from typing import Literal, Protocol
 import torch
 from pydantic import PositiveFloat
 from torch import Tensor
-from torch.nn.functional import embedding
+from torch.nn.functional import embedding, grid_sample
 
 from affmap.model.stack import Stack
-from affmap.model.windows import take_apart
+from affmap.model.windows import take_apart, words
 from affmap.settings import Settings
 from affmap.view import Map, view
 
@@ -55,18 +55,58 @@ def inside(positions: Tensor, size: Tensor) -> Tensor:
 
 
 class ExactLookup:
-    """Cuts out the view at each position and runs the vision model on it."""
+    """Cuts out the view at each position and takes the vision model's code of it."""
 
     def __init__(self, stack: Stack, world: Map) -> None:
         """Look up codes of `stack` in `world`."""
-        self._stack, self._world = stack, world
+        self._codes, self._world = ViewCodes(stack), world
 
     @torch.no_grad()
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
-        return self._stack.encode(
-            take_apart(view(self._world, inside(positions, positions.new_tensor(self._world.size))))
-        )
+        return self._codes(view(self._world, inside(positions, positions.new_tensor(self._world.size))))
+
+
+class ViewCodes:
+    """The vision model with a memory: views recur, and each different one is encoded only once.
+
+    Attributes:
+        limit: number of different views after which it forgets all and begins anew.
+    """
+
+    limit = 2**18
+
+    def __init__(self, stack: Stack) -> None:
+        """Encode views with `stack`, whose weights must not change."""
+        self._stack = stack
+        self._forget()
+
+    def _forget(self) -> None:
+        self._numbers: dict[bytes, int] = {}
+        self._codes = next(self._stack.parameters()).new_empty(len(self._stack.seeds), 0, self._stack.context_size)
+
+    @torch.no_grad()
+    def __call__(self, views: Tensor) -> Tensor:
+        """Codes of `views` `[M, ..., K, 11, 11]`, each member's of its own: `[M, ..., C]`."""
+        if len(self._numbers) > self.limit:
+            self._forget()
+        numbers = self._number(views).to(views.device)
+        num_known = self._codes.shape[1]
+        if len(self._numbers) > num_known:
+            pictures, flat = views.reshape(-1, *views.shape[-3:]), numbers.flatten()
+            (places,) = (flat >= num_known).nonzero(as_tuple=True)
+            first = places.new_empty(len(self._numbers) - num_known).scatter_(0, flat[places] - num_known, places)
+            codes = self._stack.encode(take_apart(pictures[first][None]))
+            self._codes = torch.cat([self._codes, codes], dim=1)
+        rows = torch.arange(len(views), device=views.device) * self._codes.shape[1]
+        return embedding(numbers + rows.view(-1, *[1] * (numbers.ndim - 1)), self._codes.flatten(0, 1))
+
+    def _number(self, views: Tensor) -> Tensor:
+        """The numbers of views, given in order of their first appearance: `[...]` int64."""
+        keys = words(views.flatten(-3)).flatten(0, -2).cpu().numpy()
+        keys = keys.view(f"V{keys.itemsize * keys.shape[1]}")[:, 0].tolist()  # bytes
+        numbers = self._numbers
+        return torch.tensor([numbers.setdefault(key, len(numbers)) for key in keys]).view(views.shape[:-3])
 
 
 class AffordanceMap:
@@ -81,13 +121,9 @@ class AffordanceMap:
         """Take codes `[M, Y, X, C]` whose outermost nodes lie on the borders of the arena."""
         self.codes, self.world = codes, world
         self._differentiable = differentiable
-        num_members, rows, columns, _ = codes.shape
-        self._flat = codes.flatten(0, 2)
-        self._first = torch.arange(num_members, device=codes.device) * rows * columns
-        last = codes.new_tensor([columns - 1, rows - 1])
-        self._size = codes.new_tensor(world.size)
-        self._nodes_per_unit = last / self._size
-        self._last_cell = last - 1
+        self._picture = codes.permute(0, 3, 1, 2)
+        self._scale = 2 / codes.new_tensor(world.size)
+        self._lower = codes.new_tensor(-1.0)
 
     @classmethod
     @torch.no_grad()
@@ -107,12 +143,7 @@ class AffordanceMap:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         if not self._differentiable:
             positions = positions.detach()
-        columns = self.codes.shape[2]
-        place = inside(positions, self._size) * self._nodes_per_unit
-        cell = place.detach().floor().minimum(self._last_cell)
-        x, y = (place - cell).unsqueeze(-2).unbind(-1)  # [M, ..., 1] each, in [0, 1]
-        column, row = cell.long().unbind(-1)
-        node = self._first.view(-1, *[1] * (row.ndim - 1)) + row * columns + column
-        # embedding gathers rows several times faster than indexing does.
-        lower, right, upper, opposite = (embedding(node + i, self._flat) for i in (0, 1, columns, columns + 1))
-        return torch.lerp(torch.lerp(lower, right, x), torch.lerp(upper, opposite, x), y)
+        # The arena becomes the square from -1 to 1.
+        grid = torch.addcmul(self._lower, positions.flatten(1, -2), self._scale)[:, None]  # [M, 1, P, 2]
+        codes = grid_sample(self._picture, grid, padding_mode="border", align_corners=True)  # [M, C, 1, P]
+        return codes[:, :, 0].mT.unflatten(1, positions.shape[1:-1])

@@ -38,6 +38,11 @@ class Stack(nn.Module):
         self.transition = TransitionModel(generators, context_size, settings.hidden_size, settings.delta_scale)
         self.vision = VisionModel(generators, num_channels, context_size) if context_size > 0 else None
 
+    @property
+    def context_size(self) -> int:
+        """C, length of the context code."""
+        return self.settings.context_size
+
     def encode(self, windows: Windows) -> Tensor:
         """Context codes of views `[M or 1, ...]` (see `VisionModel.encode`): `[M, ..., C]`."""
         if self.vision is None:

@@ -19,6 +19,11 @@ def uniform(generators: Generators, shape: Sequence[int], num_inputs: int) -> nn
     return nn.Parameter((2 * torch.stack(draws) - 1) / num_inputs**0.5)
 
 
+def tanh(inputs: Tensor) -> Tensor:
+    """Hyperbolic tangent, from the sigmoid, which PyTorch computes several times as fast on a CPU."""
+    return 2 * (2 * inputs).sigmoid() - 1
+
+
 class StackedLinear(nn.Module):
     """M affine maps side by side."""
 
@@ -29,22 +34,14 @@ class StackedLinear(nn.Module):
         self.bias = uniform(generators, (num_outputs,), num_inputs) if bias else None
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`, with at least one axis between."""
-        return self._product(inputs, self.weight, self.bias)
+        """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`, with at least one axis between.
 
-    def after_tanh(self, inputs: Tensor) -> Tensor:
-        """What `forward` makes of tanh(inputs), several times as fast on a CPU.
-
-        tanh(x) = 2 sigmoid(2 x) - 1, and PyTorch's sigmoid is the faster of the two; factor and shift go into weights.
+        Features are last in the shape and first in memory, here and everywhere: one row a feature makes everything
+        around small products faster, the more so the fewer the features are.
         """
-        shift = -self.weight.sum(1)
-        bias = shift if self.bias is None else self.bias + shift
-        return self._product((2 * inputs).sigmoid(), 2 * self.weight, bias)
-
-    @staticmethod
-    def _product(inputs: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
-        # Features are last in the shape and first in memory: one row a feature makes everything around the products
-        # faster, the more so the fewer the features are.
         columns = inputs.flatten(1, -2).mT
-        outputs = weight.mT @ columns if bias is None else torch.baddbmm(bias[..., None], weight.mT, columns)
+        if self.bias is None:
+            outputs = self.weight.mT @ columns
+        else:
+            outputs = torch.baddbmm(self.bias[..., None], self.weight.mT, columns)
         return outputs.mT.unflatten(1, inputs.shape[1:-1])

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding
 
-from affmap.model.stacked import Generators, StackedLinear, uniform
+from affmap.model.stacked import Generators, StackedLinear, tanh, uniform
 from affmap.model.windows import PER_SIDE, Windows
 
 
@@ -79,11 +79,6 @@ def _take(columns: Tensor, ids: Tensor) -> Tensor:
     return taken.view(*columns.shape[:2], *ids.shape)
 
 
-def _tanh(inputs: Tensor) -> Tensor:
-    """Hyperbolic tangent, from the sigmoid, which PyTorch computes several times as fast on a CPU."""
-    return 2 * (2 * inputs).sigmoid() - 1
-
-
 class VisionModel(nn.Module):
     """M vision models side by side."""
 
@@ -124,8 +119,8 @@ class VisionModel(nn.Module):
         dense = (self.conv2_weight.flatten(-2) @ self.placement).unflatten(-1, (PER_SIDE**2, 4))  # [M, 2 q, q, 16, 4]
         dense = dense.permute(0, 1, 4, 2, 3).reshape(len(features), -1, features.shape[1])
         bias = self.conv2_bias.repeat_interleave(4, dim=1)[..., None]
-        hidden = torch.baddbmm(bias, dense, features)  # [M, 8 q, D]
-        return _tanh(self.linear2.after_tanh(self.linear1.after_tanh(hidden.mT))).mT
+        hidden = tanh(torch.baddbmm(bias, dense, features).mT)  # [M, D, 8 q]
+        return tanh(self.linear2(tanh(self.linear1(hidden)))).mT
 
     def _window_features(self, windows: Windows) -> Tensor:
         """First convolution, pooling and tanh on each of the U distinct windows: `[M, q, U]`.
@@ -134,4 +129,4 @@ class VisionModel(nn.Module):
         """
         convolved = self.conv1_weight.view(self.conv1_bias.numel(), -1) @ windows.patches.T  # [M * q, V]
         pooled = convolved.gather(1, _winners(convolved.detach(), windows.patch_ids))  # [M * q, U]
-        return _tanh(pooled.view(*self.conv1_bias.shape, -1) + self.conv1_bias[..., None])
+        return tanh(pooled.view(*self.conv1_bias.shape, -1) + self.conv1_bias[..., None])

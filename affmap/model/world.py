@@ -22,7 +22,7 @@ class Situation(NamedTuple):
     delta: Tensor
     """Last change of the reported position, `[B, 2]`, u/step."""
     carry: Carry
-    """Hidden state of the transition model, tensors `[M, B / M, 1, hidden]`; empty for the MLP."""
+    """Hidden state of the transition model, tensors `[M, B / M, hidden]`; empty for the MLP."""
 
 
 def rollout(transition: TransitionModel, lookup: Lookup, situation: Situation, actions: Tensor) -> Gaussian:
@@ -38,18 +38,25 @@ def rollout(transition: TransitionModel, lookup: Lookup, situation: Situation, a
         Predicted positions after each action, a Gaussian of `[B, N, H, 2]` in u.
     """
     num_problems, num_candidates, horizon, _ = actions.shape
-    num_members = transition.output.weight.shape[0]
-    by_member = (num_members, num_problems // num_members, num_candidates)
-    actions = actions.view(*by_member, horizon, 4)
-    position = situation.position.view(num_members, -1, 1, 2).expand(*by_member, 2)
-    delta = situation.delta.view(num_members, -1, 1, 2).expand(*by_member, 2)
-    carry = situation.carry
+    num_members = len(transition.output.weight)
+    num_paths = num_problems * num_candidates // num_members  # of each member
+
+    def of_paths(start: Tensor) -> Tensor:
+        """What problems `[M, B / M, F]` start from, for each path: `[M, P, F]`, features first in memory."""
+        return start.mT.repeat_interleave(num_candidates, dim=2).mT
+
+    step = transition.step()
+    position = of_paths(situation.position.view(num_members, -1, 2))
+    delta = of_paths(situation.delta.view(num_members, -1, 2))
+    carry = tuple(of_paths(part) for part in situation.carry)
+    throttles = actions.view(num_members, num_paths, horizon, 4).permute(2, 0, 3, 1).contiguous().mT  # [H, M, P, 4]
     means, log_stds = [], []
-    for action in actions.unbind(-2):
-        carry, (delta, log_std) = transition.step(carry, lookup(position), delta, action)
+    for action in throttles:
+        carry, (delta, log_std) = step(carry, lookup(position), delta, action)
         position = position + delta
-        means.append(position)
-        log_stds.append(log_std)
-    variance = (2 * torch.stack(log_stds, dim=-2)).exp().cumsum(-2)
-    shape = (num_problems, num_candidates, horizon, 2)
-    return Gaussian(torch.stack(means, dim=-2).view(shape), 0.5 * variance.log().view(shape))
+        means.append(position.mT)
+        log_stds.append(log_std.mT)
+    mean, log_std = (torch.stack(parts).transpose(1, 2).contiguous() for parts in (means, log_stds))  # [H, 2, M, P]
+    variance = (2 * log_std).exp().cumsum(0)
+    shape = (horizon, 2, num_problems, num_candidates)
+    return Gaussian(*(part.view(shape).permute(2, 3, 0, 1) for part in (mean, 0.5 * variance.log())))

@@ -48,7 +48,7 @@ def test_it_is_a_plain_loop_and_problems_belong_to_members_in_order(context_size
             here, change, variance = position[b].tolist(), delta[b], [0.0, 0.0]
             for step in range(H):
                 code = lookup(torch.tensor(here)[None, None])
-                _, prediction = one.transition.step((), code, change[None, None], actions[b, n, step][None, None])
+                _, prediction = one.transition.step()((), code, change[None, None], actions[b, n, step][None, None])
                 change = prediction.mean[0, 0]
                 for axis in range(2):
                     here[axis] += change[axis].item()
@@ -73,9 +73,9 @@ def test_the_code_is_looked_up_where_the_vehicle_is_expected_to_be() -> None:
 
     found = rollout(whole.transition, lookup, Situation(position, delta, ()), actions)
     assert len(asked) == H
-    torch.testing.assert_close(asked[0], position.view(2, AGENTS, 1, 2).expand(2, AGENTS, N, 2))
+    torch.testing.assert_close(asked[0], position.repeat_interleave(N, 0).view(2, AGENTS * N, 2))
     for step in range(1, H):
-        torch.testing.assert_close(asked[step], found.mean[:, :, step - 1].view(2, AGENTS, N, 2))
+        torch.testing.assert_close(asked[step], found.mean[:, :, step - 1].view(2, AGENTS * N, 2))
 
 
 def test_problems_together_are_each_alone() -> None:

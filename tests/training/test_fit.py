@@ -106,7 +106,7 @@ def test_training_is_a_plain_loop(dataset: Path, undisturbed: Path) -> None:
     def loss(sequences: list[int], start: int, end: int) -> torch.Tensor:
         cut = (slice(None), sequences, slice(start, end))
         code = model.encode(data.views.select(cut))
-        _, (mean, log_std) = model.transition.step((), code, data.delta[cut], data.action[cut])
+        _, (mean, log_std) = model.transition.unroll((), code, data.delta[cut], data.action[cut])
         return -Normal(mean, log_std.exp()).log_prob(data.target[cut]).sum(-1).mean()
 
     for epoch in range(4):
@@ -151,7 +151,7 @@ def test_validation_is_the_mean_over_all_validation_steps(dataset: Path, undistu
         model = restore(stack(), undisturbed / f"weights-epoch-00{epoch}.safetensors")
         with torch.no_grad():
             code = model.encode(data.views.select(cut))
-            _, (mean, log_std) = model.transition.step((), code, data.delta[cut], data.action[cut])
+            _, (mean, log_std) = model.transition.unroll((), code, data.delta[cut], data.action[cut])
         nll = -Normal(mean, log_std.exp()).log_prob(data.target[cut]).sum(-1).mean((1, 2))
         np.testing.assert_allclose(table[epoch], nll, atol=2e-5)
 

@@ -31,7 +31,7 @@ def batch(is_first: bool = True, seed: int = 0) -> Batch:
 def test_the_loss_is_the_mean_over_the_batch_of_the_sum_over_coordinates(context_size: int) -> None:
     """`torch.distributions`; the loss of the step is the sum over members."""
     trained, data = module(context_size), batch()
-    _, prediction = trained.stack.transition.step((), trained.stack.encode(data.views), data.delta, data.action)
+    _, prediction = trained.stack.transition.unroll((), trained.stack.encode(data.views), data.delta, data.action)
     density = Normal(prediction.mean, prediction.log_std.exp()).log_prob(data.target)  # [M, B, T, 2]
     expected = -density.sum(-1).mean((1, 2))
     torch.testing.assert_close(trained.loss(data), expected)
