@@ -15,7 +15,7 @@ from affmap.control.agent import Agent, ControlSettings, Decision, Observation, 
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
-from affmap.random import integer
+from affmap.random import generator, integer
 
 
 class Runs(NamedTuple):
@@ -43,7 +43,7 @@ def control(
     """
     pairs = [(seed, run) for seed in agent.seeds for run in range(settings.runs_per_member)]
     envs = [VehicleEnv(layout, vehicle, settings.goal_radius) for _ in pairs]
-    generators = [torch.Generator().manual_seed(integer(seed, "planner", run)) for seed, run in pairs]
+    generators = [generator(seed, "planner", run) for seed, run in pairs]
     starts = [
         env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})
         for env, (seed, run) in zip(envs, pairs, strict=True)

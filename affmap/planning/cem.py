@@ -13,6 +13,7 @@ evaluated, and the distribution moves to the elites. What each modification is t
 import math
 from typing import Literal, NamedTuple, Self
 
+import numpy as np
 import torch
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 from torch import Tensor
@@ -81,9 +82,10 @@ class CEMPlanner(Settings):
 
     def _uniform(self, generators: Generators, mean: Tensor) -> Tensor:
         """Uniform numbers in [0, 1), `[B, N, H, 4]`, each problem's from its own generator."""
-        shape = (self.num_candidates, self.horizon, 4)
-        draws = [torch.rand(shape, generator=generator) for generator, _ in zip(generators, mean, strict=True)]
-        return torch.stack(draws).to(mean.device)
+        draws = np.empty((len(mean), self.num_candidates, self.horizon, 4), np.float32)
+        for generator, draw in zip(generators, draws, strict=True):
+            generator.random(out=draw, dtype=np.float32)
+        return torch.from_numpy(draws).to(mean.device)
 
     def _estimate(self, elites: Tensor, usable: Tensor, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance of the usable elites, `[B, E, H, 4]` and `[B, E]` bool, mixed with the old ones."""

@@ -6,13 +6,14 @@ A planner sees a callable and tensors: no models, no worlds, no goals.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 import torch
 from torch import Tensor
 
 Objective = Callable[[Tensor], Tensor]
 """Cost of candidates: actions `[B, N, H, 4]` -> `[B, N]`, to be minimised."""
 
-Generators = Sequence[torch.Generator]
+Generators = Sequence[np.random.Generator]
 """One generator a problem, B of them, so that a problem's plan does not depend on its neighbours."""
 
 

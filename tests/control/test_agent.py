@@ -93,7 +93,7 @@ def test_the_first_action_of_the_plan_is_executed_and_states_are_handed_on() -> 
     whole, seen = stack(*SEEDS), observations()
     planner = Fixed(random_actions(B))
     agent = Agent(whole, ExactLookup(whole, WORLD), planner, ControlSettings.load("control", "default"))
-    streams = [torch.Generator() for _ in range(B)]
+    streams = [np.random.default_rng() for _ in range(B)]
     decision, state = agent.act(seen, agent.initial(B), streams)
     assert torch.equal(decision.action, planner.actions[:, 0])
     assert state == 8 and planner.states == [(B, "cpu"), (7, streams)]
@@ -157,7 +157,7 @@ def test_agents_together_are_each_alone(kind: str, context_size: int) -> None:
         whole = stack(*seeds, context_size=context_size)
         agent = Agent(whole, AffordanceMap.paint(whole, WORLD, 0.1), PLANNERS[kind], settings)
         numbers = range(B)[agents]
-        streams = [torch.Generator().manual_seed(number) for number in numbers]
+        streams = [np.random.default_rng(number) for number in numbers]
         state, decisions = agent.initial(len(numbers)), []
         for step in range(2):
             seen = Observation(*(part[agents] for part in observations(step)))

@@ -23,8 +23,12 @@ def planner(**changes: Any) -> CEMPlanner:
     return CEMPlanner.load("planner", "cem", **{"horizon": H, **changes})
 
 
-def generators(*seeds: int) -> list[torch.Generator]:
-    return [torch.Generator().manual_seed(seed) for seed in seeds]
+def generators(*seeds: int) -> list[np.random.Generator]:
+    return [np.random.default_rng(seed) for seed in seeds]
+
+
+def uniform(generator: np.random.Generator, *shape: int) -> torch.Tensor:
+    return torch.from_numpy(generator.random(shape, np.float32))
 
 
 class Recorder:
@@ -125,7 +129,7 @@ def test_it_is_appendix_b(changes: dict[str, Any], holes: float) -> None:
 
             (generator,) = generators(10 * step + b)
             shape = (method.num_candidates, method.horizon, 4)
-            uniforms = [torch.rand(shape, generator=generator).double().numpy() for _ in range(method.num_iterations)]
+            uniforms = [generator.random(shape, np.float32).astype(float) for _ in range(method.num_iterations)]
             actions, best_cost = plain[b].plan(cost, uniforms)
             np.testing.assert_allclose(plan.actions[b], actions, atol=1e-4)
             np.testing.assert_allclose(plan.cost[b], best_cost, rtol=1e-4)
@@ -290,8 +294,8 @@ def test_where_no_cost_is_a_number_the_distribution_stays() -> None:
     assert torch.equal(state.mean[1], torch.full((H, 4), 0.25))
     (generator,) = generators(1)
     for candidates in recorder.candidates:
-        uniform = torch.rand(50, H, 4, generator=generator)
-        expected = truncated_normal(torch.tensor(0.25), torch.tensor(0.5).sqrt(), uniform)
+        draws = uniform(generator, 50, H, 4)
+        expected = truncated_normal(torch.tensor(0.25), torch.tensor(0.5).sqrt(), draws)
         torch.testing.assert_close(candidates[1, -50:], expected)
     neighbours = torch.tensor([0, 2])
     alone, _ = method.plan(distance_to(targets[neighbours]), method.initial(2), generators(0, 2))
@@ -363,8 +367,8 @@ def test_momentum_is_the_weight_of_the_old_distribution(momentum: float) -> None
     mean = momentum * 0.2 + (1 - momentum) * first.mean(1, keepdim=True)
     variance = momentum * 0.3 + (1 - momentum) * first.var(1, correction=0, keepdim=True)
     (generator,) = generators(0)
-    _, uniform = (torch.rand(50, H, 4, generator=generator) for _ in range(2))
-    torch.testing.assert_close(second, truncated_normal(mean, variance.sqrt(), uniform), atol=1e-5, rtol=0)
+    _, draws = (uniform(generator, 50, H, 4) for _ in range(2))
+    torch.testing.assert_close(second, truncated_normal(mean, variance.sqrt(), draws), atol=1e-5, rtol=0)
 
 
 def test_means_are_shifted_and_variances_start_anew() -> None:
@@ -375,8 +379,8 @@ def test_means_are_shifted_and_variances_start_anew() -> None:
     mean = 0.1 * 0.5 + 0.9 * recorder.candidates[0].mean(1)
     torch.testing.assert_close(state.mean, torch.stack([mean[:, 1], mean[:, 2], mean[:, 2]], dim=1))
     method.plan(recorder := Recorder(objective), state, generators(9))
-    uniform = torch.rand(50, H, 4, generator=generators(9)[0])
-    expected = truncated_normal(state.mean[:, None], torch.tensor(0.05).sqrt(), uniform)
+    draws = uniform(generators(9)[0], 50, H, 4)
+    expected = truncated_normal(state.mean[:, None], torch.tensor(0.05).sqrt(), draws)
     torch.testing.assert_close(recorder.candidates[0], expected)
 
 
