@@ -41,5 +41,5 @@ def kl(gaussian: Gaussian, other: Gaussian) -> Tensor:
 
 
 def _total(terms: Tensor) -> Tensor:
-    """Sum over the coordinates, `[..., D]` -> `[...]`; many times as fast as `sum` where they are not last in memory."""
+    """Sum over the coordinates, `[..., D]` -> `[...]`; much faster than `sum` where they are first in memory."""
     return reduce(add, terms.unbind(-1))

@@ -21,7 +21,6 @@ from torch import Tensor
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
 from affmap.settings import Settings
 
-
 SQRT_2 = math.sqrt(2)
 
 

@@ -25,7 +25,7 @@ from affmap.random import integer
 FOG = {"center": [0.3, 0.3], "radius": 0.15, "effect": "fog", "channel": "solid"}
 LAYOUT = Layout.load("layout", "original", circles=[FOG, *Layout.load("layout", "original").model_dump()["circles"]])
 VEHICLE = Vehicle.load("vehicle", "default")
-SETTINGS = ControlSettings.load("control", "default", num_steps=9, runs_per_member=5, goal_radius=2.9)
+SETTINGS = ControlSettings.load("control", "default", num_steps=12, runs_per_member=5, goal_radius=2.9)
 T, R, H = SETTINGS.num_steps, SETTINGS.runs_per_member, 3
 SEEDS = (4, 5)
 PLANNERS: dict[str, Planner] = {
