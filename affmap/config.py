@@ -15,7 +15,7 @@ from affmap.control.agent import ControlSettings
 from affmap.data.collect import Exploration
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
-from affmap.model.lookup import ExactSettings, MapSettings
+from affmap.model.lookup import LookupSettings
 from affmap.model.stack import ModelSettings
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
@@ -29,7 +29,7 @@ class ReportSettings(Settings):
 
     map_spacing: PositiveFloat
     """Distance between the nodes of the affordance maps that are drawn and examined, u."""
-    compare: Literal["lookup"] | None = Field(exclude=True)
+    compare: Literal["lookup_spacing"] | None = Field(exclude=True)
     """A column of the runs whose values are compared in a table; None for the report of an experiment."""
 
 
@@ -62,7 +62,7 @@ class Config(Settings):
     data: Exploration
     model: ModelSettings
     training: TrainingSettings
-    lookup: Annotated[ExactSettings | MapSettings, Field(discriminator="kind")]
+    lookup: LookupSettings
     planner: Annotated[CEMPlanner | GradientPlanner, Field(discriminator="kind")]
     control: ControlSettings
     report: ReportSettings
@@ -107,8 +107,7 @@ class Config(Settings):
 
 def label(config: Config) -> str:
     """What tells a job from the others of its sweep."""
-    exact = ", exact look-ups" if config.lookup.kind == "exact" else ""
-    return f"context size {config.model.context_size}, {config.planner.kind}{exact}"
+    return f"context size {config.model.context_size}, {config.planner.kind}, {config.lookup.name}"
 
 
 def plain(config: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from affmap.config import Config, label
 from affmap.control.agent import Agent
 from affmap.control.episodes import control
 from affmap.data.collect import collect, coverage
-from affmap.model.lookup import AffordanceMap, make_lookup
+from affmap.model.lookup import AffordanceMap, ExactLookup, lookup_error, make_lookup
 from affmap.model.stack import Stack
 from affmap.progress import track
 from affmap.report.tables import Job
@@ -100,18 +100,25 @@ def _paint(config: Config, train: Path, folder: Path) -> None:
 
 def _control(config: Config, train: Path, folder: Path) -> None:
     stack = _trained(config, train).to(config.control.device)
-    agent = Agent(stack, make_lookup(config.lookup, stack, config.layout.map), config.planner, config.control)
+    lookup = make_lookup(config.lookup, stack, config.layout.map)
+    agent = Agent(stack, lookup, config.planner, config.control)
     num_runs = config.members * config.control.runs_per_member
     with track(f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps") as update:
         runs = control(agent, config.layout, config.vehicle, config.control, update)
-    setting: dict[str, str | int] = {
+    setting: dict[str, str | int | float] = {
         "layout": config.layout.name,
         "planner": config.planner.kind,
-        "lookup": config.lookup.kind,
+        "lookup_spacing": config.lookup.spacing,
         "context_size": config.model.context_size,
     }
     for place, (key, value) in enumerate(setting.items()):
         runs.table.insert(place, key, value)
+    if stack.context_size > 0:
+        visited = torch.from_numpy(runs.trajectories["position"]).to(config.control.device)
+        errors = lookup_error(lookup, ExactLookup(stack, config.layout.map), visited.unflatten(0, (config.members, -1)))
+        runs.table["lookup_error"] = errors.mean(-1).flatten().cpu().numpy()
+    else:
+        runs.table["lookup_error"] = 0.0
     runs.table.to_csv(folder / "runs.csv", index=False, float_format="%.6f")
     np.savez_compressed(folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
 

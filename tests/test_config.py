@@ -159,8 +159,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("training.snapshot_epochs", [0], "greater than 0"),
     ("training.snapshot_epochs", 5, "valid tuple"),
     ("training.accelerator", "abacus", "'cpu', 'gpu' or 'auto'"),
-    ("lookup.kind", "guess", "'exact' or 'map'"),
-    ("lookup.spacing", 0.0, "greater than 0"),
+    ("lookup.spacing", -0.1, "greater than or equal to 0"),
     ("lookup.differentiable", "perhaps", "valid boolean"),
     ("planner.kind", "oracle", "'cem' or 'gradient'"),
     ("planner.horizon", 0, "greater than 0"),
@@ -291,7 +290,7 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("store", "elsewhere", ""),
     ("reference", "elsewhere", ""),
     ("sweep", {"seed": "1,2"}, ""),
-    ("report.compare", "lookup", ""),
+    ("report.compare", "lookup_spacing", ""),
 ]
 
 

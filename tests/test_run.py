@@ -279,7 +279,10 @@ def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
     before = contents(swept)
     for entry in ("affmap-report", "affmap-publish"):
         assert in_process(monkeypatch, entry, line(swept, "model.context_size=0,1,3")) == 2
-        assert "1 of 3 settings are not complete (context size 3, cem); run `affmap`" in capsys.readouterr().err
+        assert (
+            "1 of 3 settings are not complete (context size 3, cem, map of 0.25 u); run `affmap`"
+            in capsys.readouterr().err
+        )
     assert contents(swept) == before
 
 

@@ -5,10 +5,10 @@ knows nothing of motion, planners or goals.
 """
 
 import math
-from typing import Literal, Protocol
+from typing import Protocol, Self
 
 import torch
-from pydantic import PositiveFloat
+from pydantic import NonNegativeFloat, model_validator
 from torch import Tensor
 from torch.nn.functional import embedding, grid_sample
 
@@ -18,20 +18,27 @@ from affmap.settings import Settings
 from affmap.view import Map, view
 
 
-class ExactSettings(Settings):
-    """Planners look at every position itself (`conf/lookup/exact.yaml`)."""
+class LookupSettings(Settings):
+    """Where planners take context codes from (`conf/lookup`)."""
 
-    kind: Literal["exact"]
-
-
-class MapSettings(Settings):
-    """Planners look at an affordance map (`conf/lookup/map.yaml`)."""
-
-    kind: Literal["map"]
-    spacing: PositiveFloat
-    """Largest distance between neighbouring nodes, u."""
+    spacing: NonNegativeFloat
+    """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
+    position, as in the paper."""
     differentiable: bool
-    """Whether gradients flow through the look-up to the position; the paper's do not."""
+    """Whether gradients flow through the map to the position; the paper's do not."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.differentiable and self.spacing == 0:
+            raise ValueError(
+                "differentiable = True needs an affordance map; say spacing=0.01, or differentiable=false."
+            )
+        return self
+
+    @property
+    def name(self) -> str:
+        """What tells it from others, in words."""
+        return f"map of {self.spacing:g} u" if self.spacing else "exact look-ups"
 
 
 class Lookup(Protocol):
@@ -42,9 +49,9 @@ class Lookup(Protocol):
         ...
 
 
-def make_lookup(settings: ExactSettings | MapSettings, stack: Stack, world: Map) -> Lookup:
+def make_lookup(settings: LookupSettings, stack: Stack, world: Map) -> "ExactLookup | AffordanceMap":
     """The look-up that `settings` describe, for `stack` in `world`."""
-    if isinstance(settings, ExactSettings):
+    if settings.spacing == 0:
         return ExactLookup(stack, world)
     return AffordanceMap.paint(stack, world, settings.spacing, settings.differentiable)
 
@@ -65,6 +72,11 @@ class ExactLookup:
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         return self._codes(view(self._world, inside(positions, positions.new_tensor(self._world.size))))
+
+
+def lookup_error(lookup: Lookup, exact: ExactLookup, positions: Tensor) -> Tensor:
+    """Distance between the codes of two look-ups at `positions` `[M, ..., 2]` (u): `[M, ...]`, mean over components."""
+    return (lookup(positions) - exact(positions)).abs().mean(-1)
 
 
 class ViewCodes:

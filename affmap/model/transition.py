@@ -51,10 +51,20 @@ class TransitionModel(nn.Module):
     def __init__(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> None:
         """Draw the weights of M models."""
         super().__init__()
-        self.delta_scale = delta_scale
         self.hidden = StackedLinear(generators, 2 + 4 + context_size, hidden_size, bias=False)
         # The two parallel layers of the paper, means and (logarithms of) standard deviations, as one product.
         self.output = StackedLinear(generators, hidden_size, 2 + 2)
+        # What `step` multiplies into the weights, so that it takes and gives u/step.
+        constants = {
+            "input_factor": [2 * delta_scale] * 2 + [2.0] * (4 + context_size),
+            "output_factor": [1 / delta_scale] * 2 + [1.0] * 2,
+            "output_shift": [0.0] * 2 + [-math.log(delta_scale)] * 2,
+        }
+        for name, values in constants.items():
+            self.register_buffer(name, torch.tensor(values), persistent=False)
+        self.input_factor: Tensor
+        self.output_factor: Tensor
+        self.output_shift: Tensor
 
     def initial(self) -> Carry:
         """The carry at the beginning of a sequence."""
@@ -67,14 +77,9 @@ class TransitionModel(nn.Module):
         tanh(x) = 2 sigmoid(2 x) - 1, because PyTorch's sigmoid is several times as fast as its tanh on a CPU.
         """
         assert self.output.bias is not None
-        scale = self.delta_scale
-        inputs = self.hidden.weight.new_ones(self.hidden.weight.shape[1])
-        inputs[:2] = scale
-        outputs = self.output.weight.new_tensor([1 / scale, 1 / scale, 1, 1])
-        shift = self.output.weight.new_tensor([0, 0, -math.log(scale), -math.log(scale)])
-        bias = (self.output.bias - self.output.weight.sum(1)) * outputs + shift
-        hidden = self.hidden.weight * 2 * inputs[:, None]
-        return Step(hidden, (self.output.weight * 2 * outputs).mT, bias[..., None])
+        hidden = self.hidden.weight * self.input_factor[:, None]
+        bias = (self.output.bias - self.output.weight.sum(1)) * self.output_factor + self.output_shift
+        return Step(hidden, (self.output.weight * (2 * self.output_factor)).mT, bias[..., None])
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
         """One-step predictions along recorded sequences.

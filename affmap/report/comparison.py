@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from affmap.report import statistics
+from affmap.report import figures, statistics
 from affmap.report.tables import PLANNERS, Job, read_runs, score_matrix, write_csv, write_runs
 from affmap.report.text import NOTHING, number
 
@@ -18,9 +18,9 @@ MARGINS = {"prediction_error": ("nats", 0.5), "mean_distance": ("u", 0.05), "rea
 
 
 def write(output: Path, jobs: Sequence[Job], factor: str, notice: str | None) -> Path:
-    """Write `tables/runs.csv`, `tables/<factor>.csv` and `tables/<factor>.md` into `output`; returns the last.
+    """Write `tables/runs.csv`, `tables/<factor>.csv` and `.md`, and `figures/<factor>.png` and `.pdf`, into `output`.
 
-    `notice` is a warning to the reader that heads the Markdown, or None.
+    `notice` is a warning to the reader that heads Markdown and figure, or None. Returns the path of the Markdown.
     """
     runs = pd.concat([read_runs(job) for job in jobs], ignore_index=True)
     table = compare(runs, factor)
@@ -28,6 +28,7 @@ def write(output: Path, jobs: Sequence[Job], factor: str, notice: str | None) ->
     folder.mkdir(parents=True, exist_ok=True)
     write_runs(folder, runs)
     write_csv(folder / f"{factor}.csv", table)
+    figures.draw_comparison(table, runs, factor, output / "figures", notice)
     path = folder / f"{factor}.md"
     heading = f"**{notice}**\n\n" if notice else ""
     path.write_text(heading + markdown(table, factor), "utf-8", newline="\n")
@@ -36,6 +37,8 @@ def write(output: Path, jobs: Sequence[Job], factor: str, notice: str | None) ->
 
 def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
     """Compare every value of `factor` with the first one, for each planner, context size and metric.
+
+    `factor` is a column of numbers in `runs`.
 
     Returns:
         One row per comparison: means and medians over runs of either value, the mean difference (other minus first)
@@ -46,7 +49,7 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
     """
     first, *others = runs[factor].unique()
     if not others:
-        raise ValueError(f"the runs have one value of {factor!r}, {first!r}; there is nothing to compare it with")
+        raise ValueError(f"the runs have one value of {factor!r}, {first:g}; there is nothing to compare it with")
     rows = []
     for (planner, context_size), group in runs.groupby(["planner", "context_size"]):
         for metric, (unit, margin) in MARGINS.items():
@@ -90,16 +93,16 @@ def verdict(low: float | None, high: float | None, margin: float) -> str:
 
 def markdown(table: pd.DataFrame, factor: str) -> str:
     """A table of `compare` as Markdown."""
+    name = factor.replace("_", " ")
     lines = [
-        f"| planner | context size | metric | {factor} | mean | median | difference [95 % interval] | margin "
-        "| verdict |",
+        f"| planner | context size | metric | {name} | mean | median | difference [95 % interval] | margin | verdict |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for _, row in table.iterrows():
         interval = f" [{number(row['low'], sign=True)}, {number(row['high'], sign=True)}]"
         lines.append(
             f"| {row['planner']} | {row['context_size']} | {row['metric'].replace('_', ' ')} ({row['unit']}) | "
-            f"{row['a']}, {row['b']} | {number(row['mean_a'])}, {number(row['mean_b'])} | "
+            f"{row['a']:g}, {row['b']:g} | {number(row['mean_a'])}, {number(row['mean_b'])} | "
             f"{number(row['median_a'])}, {number(row['median_b'])} | "
             f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else NOTHING} | "
             f"±{row['margin']:g} | {row['verdict']} |"

@@ -215,7 +215,7 @@ def _origin(origin: dict[str, Any]) -> dict[str, Any]:
 
 def _setting_of(differs: dict[str, Any]) -> str:
     """What tells a stage from the first of its kind; `provenance.json` has every difference."""
-    names = {"model.context_size": "context size", "planner.kind": "planner", "lookup.kind": "look-up"}
+    names = {"model.context_size": "context size", "planner.kind": "planner", "lookup.spacing": "look-up"}
     return ", ".join(f"{name} {differs[key]}" for key, name in names.items() if key in differs) or NOTHING
 
 

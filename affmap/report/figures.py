@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -56,15 +57,39 @@ def draw_all(results: Results, folder: Path, notice: str | None) -> dict[str, fl
     with mpl.rc_context(STYLE):
         for name, draw in FIGURES.items():
             figure = draw(results)
-            if figure is None:
-                continue
-            if notice:
-                lines = textwrap.wrap(notice, round(11 * figure.get_figwidth()))
-                figure.suptitle("\n".join(lines), color="red", fontsize=8, fontweight="bold")
-            figure.savefig(folder / f"{name}.png", dpi=200, metadata={"Software": None})
-            figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-            widths[name] = float(figure.get_figwidth())
+            if figure is not None:
+                _save(figure, folder / name, notice)
+                widths[name] = float(figure.get_figwidth())
     return widths
+
+
+def draw_comparison(table: pd.DataFrame, runs: pd.DataFrame, factor: str, folder: Path, notice: str | None) -> None:
+    """Draw and save what `comparison.compare` has found for a factor with numbers for values.
+
+    Args:
+        table: what it returned.
+        runs: the runs that it compared.
+        factor: a column of `runs`.
+        folder: where PNG and PDF go, named by the factor.
+        notice: what must stand on the figure, or None.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(STYLE):
+        figure = _figure(2.3)
+        metrics = list(table["metric"].unique())
+        error, *axes = figure.subplots(1, 1 + len(metrics))
+        panels.lookup_errors(error, runs, factor)
+        for ax, metric in zip(axes, metrics, strict=True):
+            panels.differences(ax, table[table["metric"] == metric], factor)
+        _save(figure, folder / factor, notice)
+
+
+def _save(figure: Figure, path: Path, notice: str | None) -> None:
+    if notice:
+        lines = textwrap.wrap(notice, round(11 * figure.get_figwidth()))
+        figure.suptitle("\n".join(lines), color="red", fontsize=8, fontweight="bold")
+    figure.savefig(path.with_name(f"{path.name}.png"), dpi=200, metadata={"Software": None})
+    figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
 
 
 def figure4(results: Results) -> Figure:

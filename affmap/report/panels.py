@@ -31,6 +31,7 @@ LABELS = {
     "prediction_error": "prediction error (nats)",
     "mean_distance": "mean distance to the goal (u)",
     "steps_touching": "steps touching a surface",
+    "lookup_spacing": "distance of map nodes (u); 0: exact",
 }
 
 
@@ -116,6 +117,39 @@ def success_share(ax: Axes, runs: pd.DataFrame) -> Axes:
     )
     ax.set(xlabel="context size", ylabel="share of runs that reached the goal", ylim=(0.0, 1.05))
     return _legend_above(ax)
+
+
+def lookup_errors(ax: Axes, runs: pd.DataFrame, factor: str) -> Axes:
+    """How far the planner's context codes are from exact ones: mean and standard deviation over runs."""
+    values = sorted(runs[factor].unique())
+    scores = runs.groupby(factor)["lookup_error"].agg(["mean", "std"]).loc[values]
+    ax.errorbar(range(len(values)), scores["mean"], scores["std"], fmt="o", color="0.3", ms=3.5, capsize=2, lw=1)
+    ax.set_ylim(bottom=0)
+    return _value_axis(ax, values, factor, "error of context codes")
+
+
+def differences(ax: Axes, table: pd.DataFrame, factor: str) -> Axes:
+    """Differences of a metric to the first value of a factor with their 95 % intervals, and the margin as a band.
+
+    `table` is what `comparison.compare` returned, for one metric.
+    """
+    values = [table["a"].iloc[0], *table["b"].unique()]
+    unit, margin = table["unit"].iloc[0], table["margin"].iloc[0]
+    ax.axhspan(-margin, margin, color="0.92", lw=0)
+    ax.axhline(0, color="0.6", lw=0.8)
+    for short, group in table.groupby("planner"):
+        color = next(PLANNER_COLORS[key] for key, name in PLANNERS.items() if name == short)
+        places = [values.index(value) for value in group["b"]]
+        reach = [group["difference"] - group["low"], group["high"] - group["difference"]]
+        ax.errorbar(places, group["difference"], reach, fmt="o", color=color, ms=3.5, capsize=2, lw=1, label=short)
+    metric = str(table["metric"].iloc[0]).replace("_", " ")
+    return _value_axis(ax, values, factor, f"{metric}: difference ({unit})")
+
+
+def _value_axis(ax: Axes, values: list[float], factor: str, label: str) -> Axes:
+    ax.set_xticks(range(len(values)), [f"{value:g}" for value in values], rotation=60)
+    ax.set(xlabel=LABELS[factor], ylabel=label, xlim=(-0.5, len(values) - 0.5))
+    return ax
 
 
 def affordance_map(ax: Axes, arrays: Maps, index: int, world: World) -> Axes:

@@ -24,7 +24,7 @@ STAGES = ("data", "train", "map", "control")
 RUN_COLUMNS = [
     "layout",
     "planner",
-    "lookup",
+    "lookup_spacing",
     "context_size",
     "member",
     "run",
@@ -38,6 +38,7 @@ RUN_COLUMNS = [
     "steps_to_reach",
     "steps_touching",
     "steps_in_fog",
+    "lookup_error",
 ]
 VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
 

@@ -15,7 +15,7 @@ from affmap.control.episodes import Runs, control, summarise
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
-from affmap.model.lookup import MapSettings, make_lookup
+from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
@@ -49,10 +49,10 @@ class Recorder(Agent):
         return decision, state
 
 
-def make_agent(seeds: Sequence[int], context_size: int, kind: str) -> Recorder:
+def make_agent(seeds: Sequence[int], context_size: int, kind: str, device: str = "cpu") -> Recorder:
     model = Stack(ModelSettings.load("model", "default", context_size=context_size), LAYOUT.map.num_channels, seeds)
-    lookup = make_lookup(MapSettings.load("lookup", "map", spacing=0.1), model, LAYOUT.map)
-    return Recorder(model, lookup, PLANNERS[kind], SETTINGS)
+    lookup = make_lookup(LookupSettings.load("lookup", "map", spacing=0.1), model.to(device), LAYOUT.map)
+    return Recorder(model, lookup, PLANNERS[kind], SETTINGS.model_copy(update={"device": device}))
 
 
 @cache
@@ -87,6 +87,20 @@ def test_members_together_are_each_alone(context_size: int, kind: str) -> None:
         np.testing.assert_allclose(values.astype(float), parts.astype(float), atol=1e-3, err_msg=key)
     error = together.table["prediction_error"]
     assert (error[:R].to_numpy() != error[R:].to_numpy()).all()
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU that PyTorch can use")
+@everything
+def test_a_gpu_does_what_the_cpu_does(context_size: int, kind: str) -> None:
+    """The first decisions, which nothing else depends on yet, and the form of everything."""
+    agent = make_agent(SEEDS, context_size, kind, "cuda")
+    runs = control(agent, LAYOUT, VEHICLE, SETTINGS.model_copy(update={"device": "cuda"}))
+    reference = fly(SEEDS, context_size, kind)[1]
+    assert list(runs.table.columns) == list(reference.table.columns)
+    for key, values in runs.trajectories.items():
+        assert values.shape == reference.trajectories[key].shape and values.dtype == reference.trajectories[key].dtype
+    first, expected = (each.trajectories["planned_position"][:, 0] for each in (runs, reference))
+    np.testing.assert_allclose(first, expected, atol=1e-3)
 
 
 @everything

@@ -150,7 +150,7 @@ def _control(folder: Path, size: int, planner: str, members: int, steps: int) ->
     distance = 1.15 - 0.25 * np.sqrt(size) if evolutionary else 0.9 + 0.02 * size
     reached = rng.random(count) < (0.75 if size == 0 else 0.97)
     table = pd.DataFrame(
-        {"experiment": "exp1", "layout": "original", "planner": planner, "lookup": "map"}, range(count)
+        {"experiment": "exp1", "layout": "original", "planner": planner, "lookup_spacing": 0.01}, range(count)
     )
     table = table.assign(context_size=size, member=member, run=run)
     table[["start_x", "start_y"]], table[["goal_x", "goal_y"]] = start, goal
@@ -161,4 +161,5 @@ def _control(folder: Path, size: int, planner: str, members: int, steps: int) ->
     table.loc[~reached, "steps_to_reach"] = pd.NA
     table["steps_touching"] = rng.poisson(40 / (1 + size), count)
     table["steps_in_fog"] = 0
+    table["lookup_error"] = 0.01
     table.to_csv(folder / "runs.csv", index=False)

@@ -3,21 +3,30 @@
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from scipy import stats
 
-from affmap.report import comparison
+from affmap.report import comparison, panels
 
 
 def runs(shift: float, members: int = 8) -> pd.DataFrame:
-    """Two look-ups on the same starts; the exact one has distances larger by `shift` and a little noise."""
+    """Two look-ups on the same starts; the map has distances larger by `shift` and a little noise."""
     rng = np.random.default_rng(0)
     rows = []
     for member in range(members):
         for run in range(4):
             distance, noise = rng.uniform(0.4, 0.6), rng.normal(0, 0.001)
-            for lookup, change in (("map", 0.0), ("exact", shift + noise)):
-                row = {"planner": "cem", "context_size": 8, "lookup": lookup, "member": member, "run": run}
-                rows.append({**row, "mean_distance": distance + change, "prediction_error": -9.0, "reached": True})
+            for spacing, change in ((0.0, 0.0), (0.01, shift + noise)):
+                row = {"planner": "cem", "context_size": 8, "lookup_spacing": spacing, "member": member, "run": run}
+                rows.append(
+                    {
+                        **row,
+                        "mean_distance": distance + change,
+                        "prediction_error": -9.0,
+                        "reached": True,
+                        "lookup_error": spacing,
+                    }
+                )
     return pd.DataFrame(rows)
 
 
@@ -28,8 +37,8 @@ def row(table: pd.DataFrame, metric: str) -> pd.Series:
 @pytest.mark.parametrize(("shift", "verdict"), [(0.0, "same"), (0.02, "same"), (0.1, "different")])
 def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) -> None:
     """By construction: the second value minus the first is `shift`, up to the noise of 0.001."""
-    distance = row(comparison.compare(runs(shift), "lookup"), "mean_distance")
-    assert (distance["a"], distance["b"], distance["members"]) == ("map", "exact", 8)
+    distance = row(comparison.compare(runs(shift), "lookup_spacing"), "mean_distance")
+    assert (distance["a"], distance["b"], distance["members"]) == (0.0, 0.01, 8)
     assert distance["difference"] == pytest.approx(shift, abs=0.001)
     assert distance["median_b"] - distance["median_a"] == pytest.approx(shift, abs=0.02)
     assert distance["difference"] == pytest.approx(distance["mean_b"] - distance["mean_a"])
@@ -39,16 +48,16 @@ def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) 
 def test_the_interval_is_scipys_over_members() -> None:
     """Independent: `scipy.stats.bootstrap` of the members' mean differences."""
     table = runs(0.1)
-    distance = row(comparison.compare(table, "lookup"), "mean_distance")
-    means = table.groupby(["member", "lookup"])["mean_distance"].mean().unstack()
-    difference = (means["exact"] - means["map"]).to_numpy()
+    distance = row(comparison.compare(table, "lookup_spacing"), "mean_distance")
+    means = table.groupby(["member", "lookup_spacing"])["mean_distance"].mean().unstack()
+    difference = (means[0.01] - means[0.0]).to_numpy()
     expected = stats.bootstrap((difference,), np.mean, rng=np.random.default_rng(0)).confidence_interval
     assert (distance["low"], distance["high"]) == pytest.approx((expected.low, expected.high))
 
 
 def test_no_difference_is_a_point_at_zero() -> None:
     """Closed form: equal scores differ by zero, for certain."""
-    error = row(comparison.compare(runs(0.1), "lookup"), "prediction_error")
+    error = row(comparison.compare(runs(0.1), "lookup_spacing"), "prediction_error")
     assert (error["difference"], error["low"], error["high"], error["verdict"]) == (0, 0, 0, "same")
 
 
@@ -63,17 +72,37 @@ def test_the_verdict_is_that_of_an_equivalence_test(low: float, high: float, exp
 
 def test_few_members_decide_nothing() -> None:
     """The signed-rank rule of the claims: fewer than 5 members have no interval."""
-    distance = row(comparison.compare(runs(0.1, members=4), "lookup"), "mean_distance")
+    distance = row(comparison.compare(runs(0.1, members=4), "lookup_spacing"), "mean_distance")
     assert pd.isna(distance["low"]) and distance["verdict"] == "not decided"
 
 
 def test_one_value_is_nothing_to_compare() -> None:
-    with pytest.raises(ValueError, match="one value of 'lookup', 'map'"):
-        comparison.compare(runs(0.0).query("lookup == 'map'"), "lookup")
+    with pytest.raises(ValueError, match="one value of 'lookup_spacing', 0; there"):
+        comparison.compare(runs(0.0).query("lookup_spacing == 0"), "lookup_spacing")
 
 
 def test_the_markdown_has_a_row_per_comparison() -> None:
     """By hand: three metrics, a head of two lines."""
-    lines = comparison.markdown(comparison.compare(runs(0.1), "lookup"), "lookup").splitlines()
+    lines = comparison.markdown(comparison.compare(runs(0.1), "lookup_spacing"), "lookup_spacing").splitlines()
     assert len(lines) == 2 + 3
     assert all(line.count("|") == 10 for line in lines)
+
+
+def test_what_is_drawn_is_the_table() -> None:
+    """Points at the differences, bars to the ends of the intervals, the band as wide as the margin."""
+    table = comparison.compare(runs(0.1), "lookup_spacing").query("metric == 'mean_distance'")
+    ax = panels.differences(Figure().subplots(), table, "lookup_spacing")
+    (bars,) = ax.containers
+    found = table.iloc[0]
+    assert bars[0].get_ydata().tolist() == [found["difference"]]
+    (segment,) = bars[2][0].get_segments()
+    np.testing.assert_allclose(segment[:, 1], [found["low"], found["high"]])
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["0", "0.01"]
+    band = ax.patches[0].get_extents().transformed(ax.transData.inverted())
+    assert (band.y0, band.y1) == pytest.approx((-0.05, 0.05))
+
+
+def test_the_error_of_context_codes_is_the_mean_over_runs() -> None:
+    """By construction: equal to the spacing in every run."""
+    ax = panels.lookup_errors(Figure().subplots(), runs(0.0), "lookup_spacing")
+    assert ax.containers[0][0].get_ydata().tolist() == [0.0, 0.01]

@@ -82,6 +82,15 @@ def assert_same(folder: Path, undisturbed: Path) -> None:
         assert (folder / name).read_bytes() == (undisturbed / name).read_bytes(), name
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU that PyTorch can use")
+def test_a_gpu_trains_what_the_cpu_trains(dataset: Path, undisturbed: Path, tmp_path: Path) -> None:
+    """The losses of the first epoch, before rounding has grown."""
+    folder = train(dataset, tmp_path, settings=SETTINGS.model_copy(update={"accelerator": "gpu"}))
+    found, expected = (pd.read_csv(each / "validation.csv").query("epoch == 1") for each in (folder, undisturbed))
+    np.testing.assert_allclose(found.to_numpy(), expected.to_numpy(), atol=1e-2)
+    assert weights(folder / "weights.safetensors").keys() == weights(undisturbed / "weights.safetensors").keys()
+
+
 def test_snapshots_are_of_the_epochs_named_and_the_last(dataset: Path, undisturbed: Path, tmp_path: Path) -> None:
     """A training that ends after two epochs has the weights of the snapshot; the last snapshot is the result."""
     assert {path.name for path in undisturbed.iterdir()} == FILES
