@@ -27,11 +27,11 @@ def tanh(inputs: Tensor) -> Tensor:
 class StackedLinear(nn.Module):
     """M affine maps side by side."""
 
-    def __init__(self, generators: Generators, num_inputs: int, num_outputs: int, bias: bool = True) -> None:
-        """Draw the weights `[M, num_inputs, num_outputs]` and, with `bias`, biases `[M, num_outputs]`."""
+    def __init__(self, generators: Generators, num_inputs: int, num_outputs: int) -> None:
+        """Draw the weights `[M, num_inputs, num_outputs]` and biases `[M, num_outputs]`."""
         super().__init__()
         self.weight = uniform(generators, (num_inputs, num_outputs), num_inputs)
-        self.bias = uniform(generators, (num_outputs,), num_inputs) if bias else None
+        self.bias = uniform(generators, (num_outputs,), num_inputs)
 
     def forward(self, inputs: Tensor) -> Tensor:
         """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`, with at least one axis between.
@@ -39,9 +39,5 @@ class StackedLinear(nn.Module):
         Features are last in the shape and first in memory, here and everywhere: one row a feature makes everything
         around small products faster, the more so the fewer the features are.
         """
-        columns = inputs.flatten(1, -2).mT
-        if self.bias is None:
-            outputs = self.weight.mT @ columns
-        else:
-            outputs = torch.baddbmm(self.bias[..., None], self.weight.mT, columns)
+        outputs = torch.baddbmm(self.bias[..., None], self.weight.mT, inputs.flatten(1, -2).mT)
         return outputs.mT.unflatten(1, inputs.shape[1:-1])

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from affmap.gaussian import Gaussian
-from affmap.model.stacked import Generators, StackedLinear
+from affmap.model.stacked import Generators, uniform
 
 Carry = tuple[Tensor, ...]
 """Hidden state of a transition model, tensors `[M, ..., hidden]`; the MLP's is empty."""
@@ -51,9 +51,11 @@ class TransitionModel(nn.Module):
     def __init__(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> None:
         """Draw the weights of M models."""
         super().__init__()
-        self.hidden = StackedLinear(generators, 2 + 4 + context_size, hidden_size, bias=False)
+        num_inputs = 2 + 4 + context_size
+        self.hidden_weight = uniform(generators, (num_inputs, hidden_size), num_inputs)
         # The two parallel layers of the paper, means and (logarithms of) standard deviations, as one product.
-        self.output = StackedLinear(generators, hidden_size, 2 + 2)
+        self.output_weight = uniform(generators, (hidden_size, 2 + 2), hidden_size)
+        self.output_bias = uniform(generators, (2 + 2,), hidden_size)
         # What `step` multiplies into the weights, so that it takes and gives u/step.
         constants = {
             "input_factor": [2 * delta_scale] * 2 + [2.0] * (4 + context_size),
@@ -76,10 +78,9 @@ class TransitionModel(nn.Module):
         All that is constant is multiplied into the weights once: the scale of inputs and outputs, and
         tanh(x) = 2 sigmoid(2 x) - 1, because PyTorch's sigmoid is several times as fast as its tanh on a CPU.
         """
-        assert self.output.bias is not None
-        hidden = self.hidden.weight * self.input_factor[:, None]
-        bias = (self.output.bias - self.output.weight.sum(1)) * self.output_factor + self.output_shift
-        return Step(hidden, (self.output.weight * (2 * self.output_factor)).mT, bias[..., None])
+        hidden = self.hidden_weight * self.input_factor[:, None]
+        bias = (self.output_bias - self.output_weight.sum(1)) * self.output_factor + self.output_shift
+        return Step(hidden, (self.output_weight * (2 * self.output_factor)).mT, bias[..., None])
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
         """One-step predictions along recorded sequences.

@@ -126,8 +126,8 @@ def test_the_expected_change_is_predicted_from_the_view_as_in_training(context_s
         code = stack(SEEDS[member], context_size=context_size).encode(take_apart(seen.view[b][None, None]))[0, 0]
         inputs = np.concatenate([4 * seen.delta[b], planner.actions[b, 0], code.detach()])
         weights = {name: value.numpy()[member] for name, value in whole.transition.state_dict().items()}
-        hidden = np.tanh(inputs @ weights["hidden.weight"])
-        outputs = hidden @ weights["output.weight"] + weights["output.bias"]
+        hidden = np.tanh(inputs @ weights["hidden_weight"])
+        outputs = hidden @ weights["output_weight"] + weights["output_bias"]
         np.testing.assert_allclose(decision.delta.mean[b], outputs[:2] / 4, atol=1e-6)
         np.testing.assert_allclose(decision.delta.log_std[b].exp(), np.exp(outputs[2:]) / 4, rtol=1e-5)
 

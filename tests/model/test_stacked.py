@@ -13,11 +13,10 @@ def generators(*seeds: int) -> list[torch.Generator]:
     return [torch.Generator().manual_seed(seed) for seed in seeds]
 
 
-@pytest.mark.parametrize("bias", [True, False])
 @pytest.mark.parametrize("shape", [(7,), (2, 3), (1, 1, 4)])
-def test_values_and_gradients_are_those_of_torch_for_each_member(bias: bool, shape: tuple[int, ...]) -> None:
+def test_values_and_gradients_are_those_of_torch_for_each_member(shape: tuple[int, ...]) -> None:
     """`torch.nn.functional.linear` with member m's weights on member m's input."""
-    layer = StackedLinear(generators(0, 1, 2), 5, 6, bias)
+    layer = StackedLinear(generators(0, 1, 2), 5, 6)
     inputs = torch.randn(3, *shape, 5, generator=torch.Generator().manual_seed(9), requires_grad=True)
     outputs = layer(inputs)
     assert outputs.shape == (3, *shape, 6)
@@ -26,16 +25,15 @@ def test_values_and_gradients_are_those_of_torch_for_each_member(bias: bool, sha
     for member in range(3):
         own = inputs.detach()[member].clone().requires_grad_()
         weight = layer.weight.detach()[member].T.clone().requires_grad_()
-        offset = layer.bias.detach()[member].clone().requires_grad_() if layer.bias is not None else None
+        offset = layer.bias.detach()[member].clone().requires_grad_()
         expected = linear(own, weight, offset)
         (expected * slope[member]).sum().backward()
         torch.testing.assert_close(outputs[member], expected)
         assert inputs.grad is not None and layer.weight.grad is not None and weight.grad is not None
         torch.testing.assert_close(inputs.grad[member], own.grad)
         torch.testing.assert_close(layer.weight.grad[member], weight.grad.T)
-        if layer.bias is not None and offset is not None:
-            assert layer.bias.grad is not None
-            torch.testing.assert_close(layer.bias.grad[member], offset.grad)
+        assert layer.bias.grad is not None
+        torch.testing.assert_close(layer.bias.grad[member], offset.grad)
 
 
 def test_a_parameter_is_uniform_between_its_bounds() -> None:
@@ -53,7 +51,6 @@ def test_a_parameter_is_uniform_between_its_bounds() -> None:
 def test_layers_begin_within_the_bounds_of_torch() -> None:
     """PyTorch's own layers draw weights and biases from +-1 / sqrt(number of inputs)."""
     layer = StackedLinear(generators(*range(50)), 16, 8)
-    assert layer.bias is not None
     for parameter in (layer.weight, layer.bias):
         assert parameter.shape[0] == 50 and parameter.requires_grad
         assert parameter.abs().max().item() == pytest.approx(0.25, rel=0.02) and parameter.abs().max() <= 0.25

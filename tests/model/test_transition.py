@@ -43,9 +43,8 @@ def test_a_step_is_a_plain_perceptron(context_size: int, scale: float) -> None:
     assert carry == () and mean.shape == log_std.shape == (3, 6, 2)
     for member in range(3):
         scaled = torch.cat([delta[member] * scale, action[member], code[member]], dim=1)
-        hidden = torch.tanh(scaled @ model.hidden.weight[member])
-        assert model.output.bias is not None and model.hidden.bias is None
-        outputs = hidden @ model.output.weight[member] + model.output.bias[member]
+        hidden = torch.tanh(scaled @ model.hidden_weight[member])
+        outputs = hidden @ model.output_weight[member] + model.output_bias[member]
         torch.testing.assert_close(mean[member], outputs[:, :2] / scale)
         torch.testing.assert_close(log_std[member].exp(), outputs[:, 2:].exp() / scale)
 

@@ -96,11 +96,10 @@ def test_problems_together_are_each_alone() -> None:
 def test_deviations_never_shrink_along_a_path() -> None:
     """Variances are positive and add up: H steps of one deviation give sqrt(H) times as much (closed form)."""
     whole = stack(4, context_size=0)
-    torch.nn.init.zeros_(whole.transition.output.weight)
+    torch.nn.init.zeros_(whole.transition.output_weight)
     start = Situation(torch.zeros(1, 2), torch.zeros(1, 2), ())
     found = rollout(whole.transition, ExactLookup(whole, WORLD), start, torch.rand(1, 1, 9, 4))
-    assert whole.transition.output.bias is not None
-    bias = whole.transition.output.bias[0] / torch.tensor([4.0, 4.0, 1.0, 1.0])
+    bias = whole.transition.output_bias[0] / torch.tensor([4.0, 4.0, 1.0, 1.0])
     steps = torch.arange(1, 10.0)[:, None]
     torch.testing.assert_close(found.mean[0, 0], steps * bias[:2])
     torch.testing.assert_close(found.log_std[0, 0], bias[2:] - math.log(4) + 0.5 * steps.log())
