@@ -64,7 +64,9 @@ def distinct(pixels: Tensor) -> tuple[Tensor, Tensor]:
     Returns:
         Where one of each kind stands, `[D]`, and which kind each row is, `[n]`.
     """
-    kinds, ids = words(pixels).unique(dim=0, return_inverse=True)
+    ids = kinds = torch.zeros(len(pixels), dtype=torch.int64, device=pixels.device)
+    for word in words(pixels).long().unbind(-1):  # one number after the other: many times as fast as `dim=0`
+        kinds, ids = torch.unique((ids << _BITS) | word, return_inverse=True)
     places = torch.arange(len(pixels), device=pixels.device)
     return ids.new_empty(len(kinds)).scatter_(0, ids, places), ids
 
