@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 lookups test check format clean
+.PHONY: help setup exp1 lookups bench test check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -38,6 +38,17 @@ lookups: $(READY)  ## control with the affordance map and with exact look-ups co
 	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
+bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 10 minutes)
+	$(VENV)-bench/bin/python -W ignore tests/benchmarks $(ARGS)
+
+$(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requirements.txt
+	test -x $(VENV)-bench/bin/python || $(PYTHON) -m venv $(VENV)-bench
+	export PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
+	$(VENV)-bench/bin/python -m pip install --quiet torch && \
+	$(VENV)-bench/bin/python -m pip install --quiet --editable . && \
+	$(VENV)-bench/bin/python -m pip install --quiet --no-deps --requirement tests/benchmarks/requirements.txt
+	touch $@
+
 test: $(READY)  ## run the tests
 	$(BIN)/python -m pytest
 
@@ -52,4 +63,4 @@ format: $(READY)  ## format the code
 	$(BIN)/ruff format .
 
 clean:  ## remove the virtual environment and caches (what runs wrote stays)
-	rm -rf $(VENV) .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) $(VENV)-bench .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache

@@ -106,7 +106,6 @@ def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
 
     `seconds` counts from when the stage was last started; memory is the peak of the process so far.
     """
-    kibibytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform == "darwin" else 1)
     return {
         "stage": stage.name,
         "digest": stage.digest,
@@ -114,11 +113,20 @@ def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "started": started,
         "seconds": round(seconds, 2),
-        "peak_memory_mib": round(kibibytes / 1024, 1),
+        "peak_memory_mib": round(peak_memory(), 1),
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
         "git": _git(),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
     }
+
+
+def peak_memory() -> float:
+    """Largest memory of this process so far, MiB."""
+    try:  # on Linux `ru_maxrss` begins with what the parent process had
+        status = Path("/proc/self/status").read_text("utf-8")
+        return int(status.split("VmHWM:")[1].split()[0]) / 2**10
+    except (OSError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def _version(package: str) -> str | None:

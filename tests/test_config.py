@@ -276,7 +276,7 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("control.num_steps", 100, "control"),
     ("control.beta", 10.0, "control"),
     ("control.runs_per_member", 8, "control"),
-    ("lookup.spacing", 0.02, "control"),
+    ("lookup.spacing", 0.03, "control"),
     ("lookup.differentiable", True, "control"),
     ("planner.num_iterations", 3, "control"),
     ("planner.momentum", 0.2, "control"),

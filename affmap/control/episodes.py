@@ -16,6 +16,7 @@ from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
+from affmap.view import view
 
 
 class Runs(NamedTuple):
@@ -42,22 +43,22 @@ def control(
     look-ups and context sizes are compared on the same starts and goals. `on_step` is called with the steps done.
     """
     pairs = [(seed, run) for seed in agent.seeds for run in range(settings.runs_per_member)]
-    envs = [VehicleEnv(layout, vehicle, settings.goal_radius) for _ in pairs]
+    envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for _ in pairs]
     generators = [generator(seed, "planner", run) for seed, run in pairs]
     starts = [
         env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})
         for env, (seed, run) in zip(envs, pairs, strict=True)
     ]
-    observation = _batch([start for start, _ in starts], settings.device)
-    record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     positions = [np.stack([info["position"] for _, info in starts])]
+    observation = _batch([start for start, _ in starts], view(layout.map, positions[-1]), settings.device)
+    record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     state = agent.initial(len(pairs))
     for step in range(settings.num_steps):
         decision, state = agent.act(observation, state, generators)
         results = [env.step(action) for env, action in zip(envs, decision.action.cpu().numpy(), strict=True)]
-        observation = _batch([result[0] for result in results], settings.device)
         infos = [result[4] for result in results]
         positions.append(np.stack([info["position"] for info in infos]))
+        observation = _batch([result[0] for result in results], view(layout.map, positions[-1]), settings.device)
         _note(record, decision, observation, infos)
         on_step(step + 1)
     trajectories = {key: np.stack(parts, axis=1) for key, parts in record.items()}
@@ -83,10 +84,11 @@ def _note(
         record[key].append(np.array([info[key] for info in infos]))
 
 
-def _batch(observations: Sequence[dict[str, np.ndarray]], device: str) -> Observation:
-    """Observations of B environments as tensors."""
-    parts = {key: torch.from_numpy(np.stack([o[key] for o in observations])).to(device) for key in observations[0]}
-    return Observation(parts["position"], parts["delta"], parts["view"].bool(), parts["goal"])
+def _batch(observations: Sequence[dict[str, np.ndarray]], views: np.ndarray, device: str) -> Observation:
+    """Observations of B environments, and their views, as tensors."""
+    arrays = {key: np.stack([o[key] for o in observations]) for key in observations[0]} | {"view": views}
+    parts = {key: torch.from_numpy(array).to(device) for key, array in arrays.items()}
+    return Observation(parts["position"], parts["delta"], parts["view"], parts["goal"])
 
 
 def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:

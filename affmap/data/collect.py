@@ -62,7 +62,7 @@ def collect(
     Every sequence starts at rest at a free place drawn uniformly, and has random streams of its own. `on_sequence`
     is called with the number of each finished sequence.
     """
-    env = VehicleEnv(layout, vehicle)
+    env = VehicleEnv(layout, vehicle, views=False)
     sequences = []
     for sequence in range(exploration.num_sequences):
         rng = generator(exploration.seed, "exploration", sequence)
@@ -70,20 +70,20 @@ def collect(
         observation, info = env.reset(seed=integer(exploration.seed, "world", sequence), options=options)
         record: dict[str, list[np.ndarray]] = {
             "position": [observation["position"]],
-            "true_position": [info["position"].astype(np.float32)],
-            "view": [],
+            "true_position": [info["position"]],
             "action": random_actions(exploration, rng),
             "touching": [],
         }
         for action in record["action"]:
-            record["view"].append(observation["view"].astype(bool))
             observation, _, _, _, info = env.step(action)
             record["position"].append(observation["position"])
-            record["true_position"].append(info["position"].astype(np.float32))
+            record["true_position"].append(info["position"])
             record["touching"].append(info["touching"])
-        sequences.append(record)
+        arrays = {key: np.array(values) for key, values in record.items()}
+        arrays["view"] = env.probe(arrays["true_position"][:-1])  # all at once: a fraction of the time of one by one
+        sequences.append(arrays | {"true_position": arrays["true_position"].astype(np.float32)})
         on_sequence(sequence)
-    return {key: np.array([record[key] for record in sequences]) for key in sequences[0]}
+    return {key: np.array([arrays[key] for arrays in sequences]) for key in sequences[0]}
 
 
 def random_actions(exploration: Exploration, rng: np.random.Generator) -> list[np.ndarray]:

@@ -52,6 +52,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         vehicle: Vehicle | str = "default",
         goal_radius: float = 0.1,
         render_mode: str | None = None,
+        views: bool = True,
     ) -> None:
         """Make an environment.
 
@@ -60,6 +61,8 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             vehicle: the physical constants, or the name of a file in `conf/vehicle`.
             goal_radius: distance below which the goal counts as reached, u.
             render_mode: None, "rgb_array" or "human".
+            views: whether observations hold the view. It is half the cost of a step; who flies many vehicles, or needs
+                the views of a whole flight, has `probe` cut all of them at once.
 
         Raises:
             ConfigError: no such file, or a value in it is not allowed.
@@ -74,17 +77,19 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.layout.check_corners(self.vehicle.radius)
         self.goal_radius = goal_radius
         self.render_mode = render_mode
+        self._views = views
         self.planned_positions: np.ndarray | None = None
         """`[H, 2]` in u, drawn by `render` when given."""
         self.action_space = spaces.Box(0.0, 1.0, (4,), np.float32)
-        self.observation_space = spaces.Dict(  # type: ignore[assignment]  # typed as a Dict of anything
-            {
-                "position": spaces.Box(-np.inf, np.inf, (2,), np.float32),
-                "delta": spaces.Box(-np.inf, np.inf, (2,), np.float32),
-                "view": spaces.MultiBinary([len(self.layout.channels), PIXELS, PIXELS]),
-                "goal": spaces.Box(np.zeros(2, np.float32), np.array(self.layout.size, np.float32)),
-            }
-        )
+        parts: dict[str, spaces.Space] = {
+            "position": spaces.Box(-np.inf, np.inf, (2,), np.float32),
+            "delta": spaces.Box(-np.inf, np.inf, (2,), np.float32),
+            "view": spaces.MultiBinary([len(self.layout.channels), PIXELS, PIXELS]),
+            "goal": spaces.Box(np.zeros(2, np.float32), np.array(self.layout.size, np.float32)),
+        }
+        if not views:
+            del parts["view"]
+        self.observation_space = spaces.Dict(parts)  # type: ignore[assignment]  # typed as a Dict of anything
         self._physics: Physics | None = None
         self._canvas: Any = None
 
@@ -173,12 +178,14 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return float(np.linalg.norm(self._running().position - self.goal))
 
     def _observation(self, delta: np.ndarray) -> dict[str, np.ndarray]:
-        return {
+        observation = {
             "position": self._reported.astype(np.float32),
             "delta": delta.astype(np.float32),
-            "view": self.probe(self._running().position).astype(np.int8),
             "goal": self.goal.astype(np.float32),
         }
+        if self._views:
+            observation["view"] = self.probe(self._running().position).astype(np.int8)
+        return observation
 
     def _info(self) -> dict[str, Any]:
         physics = self._running()

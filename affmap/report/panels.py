@@ -31,7 +31,7 @@ LABELS = {
     "prediction_error": "prediction error (nats)",
     "mean_distance": "mean distance to the goal (u)",
     "steps_touching": "steps touching a surface",
-    "lookup_spacing": "distance of map nodes (u); 0: exact",
+    "lookup_spacing": "map spacing (u)",
 }
 
 
@@ -125,7 +125,7 @@ def lookup_errors(ax: Axes, runs: pd.DataFrame, factor: str) -> Axes:
     scores = runs.groupby(factor)["lookup_error"].agg(["mean", "std"]).loc[values]
     ax.errorbar(range(len(values)), scores["mean"], scores["std"], fmt="o", color="0.3", ms=3.5, capsize=2, lw=1)
     ax.set_ylim(bottom=0)
-    return _value_axis(ax, values, factor, "error of context codes")
+    return _value_axis(ax, values, factor, "context codes", "mean absolute error")
 
 
 def differences(ax: Axes, table: pd.DataFrame, factor: str) -> Axes:
@@ -142,12 +142,13 @@ def differences(ax: Axes, table: pd.DataFrame, factor: str) -> Axes:
         places = [values.index(value) for value in group["b"]]
         reach = [group["difference"] - group["low"], group["high"] - group["difference"]]
         ax.errorbar(places, group["difference"], reach, fmt="o", color=color, ms=3.5, capsize=2, lw=1, label=short)
-    metric = str(table["metric"].iloc[0]).replace("_", " ")
-    return _value_axis(ax, values, factor, f"{metric}: difference ({unit})")
+    title = str(table["metric"].iloc[0]).replace("_", " ")
+    return _value_axis(ax, values, factor, title, f"difference ({unit})")
 
 
-def _value_axis(ax: Axes, values: list[float], factor: str, label: str) -> Axes:
-    ax.set_xticks(range(len(values)), [f"{value:g}" for value in values], rotation=60)
+def _value_axis(ax: Axes, values: list[float], factor: str, title: str, label: str) -> Axes:
+    ax.set_xticks(range(len(values)), [f"{value:g}" if value else "exact" for value in values], rotation=60)
+    ax.set_title(title, loc="left")
     ax.set(xlabel=LABELS[factor], ylabel=label, xlim=(-0.5, len(values) - 0.5))
     return ax
 

@@ -1,8 +1,9 @@
 """Timing side by side: contenders take turns, and what counts is the ratio of neighbouring times.
 
 The machines that this runs on are shared and change their speed by the minute; a ratio of two times taken right after
-each other hardly does. A large matrix product is timed in each round as well: what share of it the useful arithmetic
-of a contender reaches says how much could be left to gain.
+each other hardly does. Times are those that the process spends computing, not waiting for a core that others use. A
+large matrix product is timed in each round as well: what share of it the useful arithmetic of a contender reaches says
+how much could be left to gain.
 """
 
 import time
@@ -29,7 +30,7 @@ class Result(NamedTuple):
     unit: str
     contender: str
     seconds: float
-    """Median time of a unit."""
+    """Median CPU time of a unit."""
     ratio: float
     """Median over rounds of this contender's time of a unit over that of the first contender; above 1: slower."""
     ratio_low: float
@@ -71,10 +72,10 @@ def compare(
 
 
 def elapsed(run: Callable[[], object]) -> float:
-    """Seconds of a call."""
-    start = time.perf_counter()
+    """CPU seconds of a call."""
+    start = time.process_time()
     run()
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def limit(size: int = 1024) -> float:

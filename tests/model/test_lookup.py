@@ -170,8 +170,8 @@ def test_nodes_are_at_most_the_spacing_apart(spacing: float, columns: int, rows:
 
 
 def test_the_configured_spacing_gives_the_nodes_one_expects() -> None:
-    """3 x 2 u at 0.01 u: 301 x 201 nodes, whatever 3 / 0.01 rounds to; the same for other decimal spacings."""
-    assert LookupSettings.load("lookup", "map").spacing == 0.01
+    """3 x 2 u at 0.02 u: 151 x 101 nodes, whatever 3 / 0.02 rounds to; the same for other decimal spacings."""
+    assert LookupSettings.load("lookup", "map").spacing == 0.02
     nothing = stack(4, context_size=0)
     for spacing, columns, rows in ((0.01, 301, 201), (0.02, 151, 101), (0.03, 101, 68), (0.04, 76, 51), (0.1, 31, 21)):
         assert AffordanceMap.paint(nothing, WORLD, spacing).codes.shape == (1, rows, columns, 0)

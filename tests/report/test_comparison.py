@@ -97,7 +97,7 @@ def test_what_is_drawn_is_the_table() -> None:
     assert bars[0].get_ydata().tolist() == [found["difference"]]
     (segment,) = bars[2][0].get_segments()
     np.testing.assert_allclose(segment[:, 1], [found["low"], found["high"]])
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["0", "0.01"]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["exact", "0.01"]
     band = ax.patches[0].get_extents().transformed(ax.transData.inverted())
     assert (band.y0, band.y1) == pytest.approx((-0.05, 0.05))
 

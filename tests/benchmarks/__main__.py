@@ -1,0 +1,102 @@
+"""All benchmarks in one run: a table on the terminal; CSV files, the machine and a figure in a folder.
+
+`python tests/benchmarks [--output FOLDER] [--rounds N] [training] [planning] [simulation] [lookups]`
+"""
+
+import json
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from importlib import import_module
+from itertools import groupby
+from pathlib import Path
+
+import figure
+import machine
+import pandas as pd
+import torch
+from measure import Result
+from rich.console import Console
+from rich.table import Table
+
+EXTRAS = {
+    "training": ("growth", "growth"),
+    "planning": ("planning", "costs"),
+    "simulation": ("simulation", "control_step"),
+    "lookups": ("lookups", "maps"),
+}
+"""The parts of the benchmarks, modules beside this one. Each has `results`, and there is one more table to each: module
+and name of the function that returns it."""
+
+
+def main() -> None:
+    """Measure, print and write."""
+    arguments = parse()
+    torch.set_num_threads(1)
+    output, progress = arguments.output, Console(stderr=True)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "machine.json").write_text(json.dumps(machine.describe(), indent=2) + "\n", encoding="utf-8")
+    results: list[Result] = []
+    extras: dict[str, pd.DataFrame] = {}
+    for name in arguments.names:
+        progress.print(f"Measuring: {name}")
+        results += import_module(name).results(arguments.rounds)  # imported late: a part may need what others do not
+        pd.DataFrame(results).to_csv(output / "results.csv", index=False, float_format="%.6g")
+        module, function = EXTRAS[name]
+        extra = extras[function] = pd.DataFrame(getattr(import_module(module), function)())
+        extra.to_csv(output / f"{function}.csv", index=False, float_format="%.6g")
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    console.print(table(results))
+    for extra in extras.values():
+        console.print(plain_table(extra))
+    figure.write(results, extras.get("growth"), output)
+    console.print(f"Written to {output}")
+
+
+def parse() -> Namespace:
+    """The command line."""
+    parser = ArgumentParser("benchmarks", description="Time affmap beside its peers.")
+    parser.add_argument("names", nargs="*", metavar="part", help=f"{', '.join(EXTRAS)}; default: all")
+    parser.add_argument("--output", type=Path, default=Path("runs/bench"), help="folder to write to (%(default)s)")
+    parser.add_argument("--rounds", type=int, default=7, help="turns of each contender (%(default)s)")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.names) - set(EXTRAS):
+        parser.error(f"{', '.join(sorted(unknown))}: there is no such part; choose from {', '.join(EXTRAS)}.")
+    arguments.names = arguments.names or list(EXTRAS)
+    return arguments
+
+
+def table(results: Sequence[Result]) -> Table:
+    """What was measured: under each work, in bold, who did it."""
+    shown = Table("work and contender", "unit")
+    for heading in ("time of a unit", "ratio", "lowest", "highest", "share of the limit"):
+        shown.add_column(heading, justify="right")
+    for work, rows in groupby(results, lambda result: result.work):
+        shown.add_row(f"[bold]{work}")
+        for row in rows:
+            share = "" if row.share_of_limit is None else f"{row.share_of_limit:.2g}"
+            ratios = (f"{ratio:.3g}" for ratio in (row.ratio, row.ratio_low, row.ratio_high))
+            shown.add_row(f"  {row.contender}", row.unit, duration(row.seconds), *ratios, share)
+        shown.add_section()
+    return shown
+
+
+def plain_table(content: pd.DataFrame) -> Table:
+    """Any table."""
+    shown = Table(*(str(column) for column in content.columns))
+    for values in content.itertuples(index=False):
+        cells = (f"{value:.3g}" if isinstance(value, float) else str(value) for value in values)
+        shown.add_row(*("" if cell == "nan" else cell for cell in cells))
+    return shown
+
+
+def duration(seconds: float) -> str:
+    """Seconds in the unit that suits them."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds * 1e9:.3g} ns"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""Planning side by side: our cross-entropy method and those of other packages, the same models and the same objective.
+
+The models are those of the reference run with 8 context units, in the world that they were trained in; agents stand in
+the start corners and want to the opposite ones. Each contender plans from the beginning, without a warm start. All
+share our imagination of paths, so that what differs is the search around it: drawing candidates, bounds, elites. Knows
+nothing of how the others do it. `python tests/benchmarks/planning.py` lists the costs of their plans.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import mean
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from measure import Contender, Result, compare
+from peers import SETTINGS, Peer, Plan, available
+from torch import Tensor
+
+from affmap import sweep
+from affmap.config import Config
+from affmap.control.agent import ControlSettings
+from affmap.env.vehicle import VehicleEnv
+from affmap.model.lookup import AffordanceMap, make_lookup
+from affmap.model.stack import Stack
+from affmap.model.world import Situation, rollout
+from affmap.planning.objective import expected_free_energy, goal_std
+from affmap.planning.planner import Objective
+from affmap.random import generator, integer
+from affmap.settings import folder
+from affmap.store import Store
+from affmap.training.fit import WEIGHTS, restore
+
+UNIT = "agent and step"
+
+
+class Start(NamedTuple):
+    """Where B agents are and want to be, `[B, 2]` each, u."""
+
+    position: Tensor
+    delta: Tensor
+    goal: Tensor
+
+
+class Cost(NamedTuple):
+    """What plans of a contender cost."""
+
+    contender: str
+    cost: float
+    """Expected free energy, nats."""
+
+
+@dataclass(frozen=True)
+class Agents:
+    """B agents, the same number of each of M members (member-major), and what they imagine with."""
+
+    stack: Stack
+    lookup: AffordanceMap
+    start: Start
+    settings: ControlSettings
+
+    def objective(self) -> Objective:
+        """What `affmap.control.agent.Agent` minimises."""
+        transition, settings = self.stack.transition, self.settings
+        situation = Situation(self.start.position, self.start.delta, transition.initial())
+        goal = self.start.goal[:, None]
+        std = goal_std(
+            self.start.position,
+            self.start.goal,
+            settings.goal_std_far,
+            settings.goal_std_near,
+            settings.near_distance,
+        )[:, None]
+
+        def objective(actions: Tensor) -> Tensor:
+            return expected_free_energy(
+                rollout(transition, self.lookup, situation, actions), goal, std, settings.beta
+            ).total
+
+        return objective
+
+    def alone(self, agent: int) -> "Agents":
+        """One of them, with a stack of its own member only."""
+        member = agent // (len(self.start.goal) // len(self.stack.seeds))
+        own = slice(member, member + 1)
+        stack = Stack(self.stack.settings, self.stack.num_channels, self.stack.seeds[own])
+        stack.load_state_dict({name: weights[own] for name, weights in self.stack.state_dict().items()})
+        return Agents(
+            stack.requires_grad_(False),
+            AffordanceMap(self.lookup.codes[own].clone(), self.lookup.world),
+            Start(*(part[agent : agent + 1] for part in self.start)),
+            self.settings,
+        )
+
+
+def reference() -> Agents:
+    """The agents of Experiment I before their first step: 25 members x 4, with the reference run's trained models.
+
+    Raises:
+        FileNotFoundError: the reference run has no models of the present configuration.
+    """
+    (config,) = sweep.jobs(["models=reference", "model.context_size=8"])
+    trained = Store(folder().parent / config.reference).find(config.train_stage)
+    if trained is None:
+        raise FileNotFoundError(f"{config.reference} holds no models of this configuration; the benchmark plans them.")
+    stack = restore(Stack(config.model, len(config.layout.channels), config.seeds), trained / WEIGHTS)
+    stack.requires_grad_(False)
+    return Agents(stack, make_lookup(config.lookup, stack, config.layout.map), _starts(config), config.control)
+
+
+def _starts(config: Config) -> Start:
+    """Starts and goals as `affmap.control.episodes.control` draws them."""
+    env = VehicleEnv(config.layout, config.vehicle, config.control.goal_radius)
+    observations = [
+        env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})[0]
+        for seed in config.seeds
+        for run in range(config.control.runs_per_member)
+    ]
+    return Start(*(torch.from_numpy(np.stack([seen[key] for seen in observations])) for key in Start._fields))
+
+
+def _ours(objective: Objective, num_agents: int) -> Plan:
+    generators = [generator(agent, "planner") for agent in range(num_agents)]
+    state = SETTINGS.initial(num_agents)
+    return lambda: SETTINGS.plan(objective, state, generators)[0].actions
+
+
+OURS = Peer("affmap", _ours, batched=True)
+
+
+def results(rounds: int) -> list[Result]:
+    """Time ours and the peers that can be had, for one agent and for 100.
+
+    A contender that plans for one agent at a time is given four of the 100, of different members and corners: its time
+    of an agent does not depend on how many there are. So is ours, besides, to show what planning together gains.
+    """
+    agents, contenders = reference(), [OURS, *available()]
+    num_agents, flop = len(agents.start.goal), _flop(agents.stack)
+    one = [agents.alone(0).objective()] * 8  # several times, because a single plan is too short to be timed well
+    four = [agents.alone(agent).objective() for agent in (0, 33, 66, 99)]
+    together = [
+        Contender(f"{peer.name}, together", peer.make(agents.objective(), num_agents), num_agents)
+        for peer in contenders
+        if peer.batched
+    ]
+    looped = [peer for peer in contenders if peer is OURS or not peer.batched]
+    apart = [Contender(f"{peer.name}, one at a time", _loop(peer, four), len(four)) for peer in looped]
+    work = f"planning, {num_agents} agents with weights of their own ({len(agents.stack.seeds)} members x 4)"
+    single = [Contender(peer.name, _loop(peer, one), len(one)) for peer in contenders]
+    return [
+        *compare("planning, 1 agent", UNIT, single, flop, rounds),
+        *compare(work, UNIT, [*together, *apart], flop, rounds),
+    ]
+
+
+def _loop(peer: Peer, objectives: Sequence[Objective]) -> Callable[[], object]:
+    """Plan for one agent after the other."""
+    plans = [peer.make(objective, 1) for objective in objectives]
+    return lambda: [plan() for plan in plans]
+
+
+def _flop(stack: Stack) -> float:
+    """Floating-point operations of the transition model's products in a plan of ours for an agent."""
+    num_weights = (2 + 4 + stack.context_size + 2 + 2) * stack.settings.hidden_size
+    num_paths = SETTINGS.num_iterations * (SETTINGS.num_candidates + SETTINGS.num_kept) - SETTINGS.num_kept
+    return 2.0 * num_paths * SETTINGS.horizon * num_weights
+
+
+def costs(num_agents: int = 8) -> list[Cost]:
+    """What the plans of each contender cost: means over agents of different members, each planned for alone.
+
+    What is executed counts: actions clamped to the bounds; of contenders that return the mean of elites, that mean.
+    All but pytorch-icem, whose noise cannot be seeded, find the same again.
+    """
+    agents, contenders = reference(), [OURS, *available()]
+    step = len(agents.start.goal) // num_agents + 1  # not a multiple of 4: all corners
+    objectives = [agents.alone(agent).objective() for agent in range(0, len(agents.start.goal), step)]
+    torch.manual_seed(0)
+    with torch.no_grad():
+        return [
+            Cost(peer.name, mean(float(objective(peer.make(objective, 1)()[:, None])) for objective in objectives))
+            for peer in contenders
+        ]
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    for name, cost in costs():
+        print(f"{name:20} {cost:10.2f}")
