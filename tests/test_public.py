@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import affmap
@@ -28,10 +29,17 @@ def test_importing_the_package_needs_no_torch() -> None:
     assert subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("table", ["exp1/tables/claims.md", "lookups/tables/lookup_spacing.md"])
-def test_the_readme_quotes_the_reference_results(table: str) -> None:
-    """Golden: the tables that the commands wrote, word for word."""
-    assert (ROOT / "runs/reference" / table).read_text("utf-8") in (ROOT / "README.md").read_text("utf-8")
+def test_the_readme_quotes_the_claims() -> None:
+    """Golden: the table that `make exp1` wrote, word for word."""
+    claims = (ROOT / "runs/reference/exp1/tables/claims.md").read_text("utf-8")
+    assert claims in (ROOT / "README.md").read_text("utf-8")
+
+
+def test_the_readme_says_what_the_comparison_of_look_ups_found() -> None:
+    """The verdicts that `make lookups` wrote, and what the README makes of them."""
+    table = pd.read_csv(ROOT / "runs/reference/lookups/tables/lookup_spacing.csv")
+    assert (table["verdict"] == "same").all() and set(table["a"]) == {0}
+    assert "the results are the same at every spacing" in (ROOT / "README.md").read_text("utf-8").replace("\n", " ")
 
 
 def test_the_readme_quotes_the_effect_at_a_stronger_contact_damping() -> None:
