@@ -131,8 +131,9 @@ OURS = Peer("affmap", _ours, batched=True)
 def results(rounds: int) -> list[Result]:
     """Time ours and the peers that can be had, for one agent and for 100.
 
-    A contender that plans for one agent at a time is given four of the 100, of different members and corners: its time
-    of an agent does not depend on how many there are. So is ours, besides, to show what planning together gains.
+    Together means on our objective, which holds the weights of all members: no peer has such a thing of its own. One at
+    a time is how a peer is used with models of its user's: each contender is given four of the 100, of different
+    members and corners, because its time of an agent does not depend on how many there are.
     """
     agents, contenders = reference(), [OURS, *available()]
     num_agents, flop = len(agents.start.goal), _flop(agents.stack)
@@ -143,8 +144,7 @@ def results(rounds: int) -> list[Result]:
         for peer in contenders
         if peer.batched
     ]
-    looped = [peer for peer in contenders if peer is OURS or not peer.batched]
-    apart = [Contender(f"{peer.name}, one at a time", _loop(peer, four), len(four)) for peer in looped]
+    apart = [Contender(f"{peer.name}, one at a time", _loop(peer, four), len(four)) for peer in contenders]
     work = f"planning, {num_agents} agents with weights of their own ({len(agents.stack.seeds)} members x 4)"
     single = [Contender(peer.name, _loop(peer, one), len(one)) for peer in contenders]
     return [

@@ -119,7 +119,7 @@ def control_step(members: int = 25, num_steps: int = 20) -> pd.DataFrame:
         "planning": planning,
         "Box2D": physics,
         "environments without Box2D": env - physics,
-        "records": total - planning - env,
+        "views and records": total - planning - env,
     }
     rows = [(part, 1000 * spent / steps, spent / total) for part, spent in parts.items()]
     return pd.DataFrame(rows, columns=["part", "milliseconds", "share"])
