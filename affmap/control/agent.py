@@ -15,7 +15,7 @@ from affmap.model.lookup import Lookup, ViewCodes
 from affmap.model.stack import Stack
 from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std
-from affmap.planning.planner import Generators, Planner
+from affmap.planning.planner import Generators, Objective, Planner
 from affmap.settings import Settings
 
 
@@ -93,20 +93,29 @@ class Agent:
         Returns:
             The decisions, and the state for the next step.
         """
-        situation = Situation(observation.position, observation.delta, self._stack.transition.initial())
+        plan, state = self._planner.plan(self.objective(observation), state, generators)
+        with torch.no_grad():
+            path = self._imagine(observation, plan.actions[:, None])
+            action = plan.actions[:, 0]
+            decision = Decision(action, Gaussian(*(part[:, 0] for part in path)), self._predict(observation, action))
+        return decision, state
+
+    def objective(self, observation: Observation) -> Objective:
+        """What plans are to minimise: the expected free energy of the paths that are imagined from an observation."""
         goal = observation.goal[:, None]  # one for all candidates
         std = self._goal_std(observation)[:, None]
 
         def objective(actions: Tensor) -> Tensor:
-            path = rollout(self._stack.transition, self._lookup, situation, actions)
+            path = self._imagine(observation, actions)
             return expected_free_energy(path, goal, std, self._settings.beta).total
 
-        plan, state = self._planner.plan(objective, state, generators)
-        with torch.no_grad():
-            path = rollout(self._stack.transition, self._lookup, situation, plan.actions[:, None])
-            action = plan.actions[:, 0]
-            decision = Decision(action, Gaussian(*(part[:, 0] for part in path)), self._predict(observation, action))
-        return decision, state
+        return objective
+
+    def _imagine(self, observation: Observation, actions: Tensor) -> Gaussian:
+        """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u."""
+        transition = self._stack.transition
+        situation = Situation(observation.position, observation.delta, transition.initial())
+        return rollout(transition, self._lookup, situation, actions)
 
     def _goal_std(self, observation: Observation) -> Tensor:
         settings = self._settings

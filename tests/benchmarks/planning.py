@@ -15,16 +15,13 @@ import numpy as np
 import torch
 from measure import Contender, Result, compare
 from peers import SETTINGS, Peer, Plan, available
-from torch import Tensor
 
 from affmap import sweep
 from affmap.config import Config
-from affmap.control.agent import ControlSettings
+from affmap.control.agent import Agent, ControlSettings, Observation
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, make_lookup
 from affmap.model.stack import Stack
-from affmap.model.world import Situation, rollout
-from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Objective
 from affmap.random import generator, integer
 from affmap.settings import folder
@@ -32,14 +29,6 @@ from affmap.store import Store
 from affmap.training.fit import WEIGHTS, restore
 
 UNIT = "agent and step"
-
-
-class Start(NamedTuple):
-    """Where B agents are and want to be, `[B, 2]` each, u."""
-
-    position: Tensor
-    delta: Tensor
-    goal: Tensor
 
 
 class Cost(NamedTuple):
@@ -56,28 +45,12 @@ class Agents:
 
     stack: Stack
     lookup: AffordanceMap
-    start: Start
+    start: Observation
     settings: ControlSettings
 
     def objective(self) -> Objective:
         """What `affmap.control.agent.Agent` minimises."""
-        transition, settings = self.stack.transition, self.settings
-        situation = Situation(self.start.position, self.start.delta, transition.initial())
-        goal = self.start.goal[:, None]
-        std = goal_std(
-            self.start.position,
-            self.start.goal,
-            settings.goal_std_far,
-            settings.goal_std_near,
-            settings.near_distance,
-        )[:, None]
-
-        def objective(actions: Tensor) -> Tensor:
-            return expected_free_energy(
-                rollout(transition, self.lookup, situation, actions), goal, std, settings.beta
-            ).total
-
-        return objective
+        return Agent(self.stack, self.lookup, SETTINGS, self.settings).objective(self.start)
 
     def alone(self, agent: int) -> "Agents":
         """One of them, with a stack of its own member only."""
@@ -88,7 +61,7 @@ class Agents:
         return Agents(
             stack.requires_grad_(False),
             AffordanceMap(self.lookup.codes[own].clone(), self.lookup.world),
-            Start(*(part[agent : agent + 1] for part in self.start)),
+            Observation(*(part[agent : agent + 1] for part in self.start)),
             self.settings,
         )
 
@@ -108,7 +81,7 @@ def reference() -> Agents:
     return Agents(stack, make_lookup(config.lookup, stack, config.layout.map), _starts(config), config.control)
 
 
-def _starts(config: Config) -> Start:
+def _starts(config: Config) -> Observation:
     """Starts and goals as `affmap.control.episodes.control` draws them."""
     env = VehicleEnv(config.layout, config.vehicle, config.control.goal_radius)
     observations = [
@@ -116,7 +89,8 @@ def _starts(config: Config) -> Start:
         for seed in config.seeds
         for run in range(config.control.runs_per_member)
     ]
-    return Start(*(torch.from_numpy(np.stack([seen[key] for seen in observations])) for key in Start._fields))
+    parts = {key: torch.from_numpy(np.stack([seen[key] for seen in observations])) for key in observations[0]}
+    return Observation(**parts | {"view": parts["view"].bool()})
 
 
 def _ours(objective: Objective, num_agents: int) -> Plan:
