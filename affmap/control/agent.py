@@ -11,7 +11,8 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from torch import Tensor
 
 from affmap.gaussian import Gaussian, nll
-from affmap.model.lookup import Lookup, ViewCodes
+from affmap.model.codes import ViewCodes
+from affmap.model.lookup import Lookup
 from affmap.model.stack import Stack
 from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std

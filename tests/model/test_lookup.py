@@ -4,7 +4,6 @@ import math
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -15,13 +14,12 @@ from affmap.model.lookup import (
     ExactLookup,
     Lookup,
     LookupSettings,
-    ViewCodes,
     inside,
     lookup_error,
     make_lookup,
 )
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.windows import Windows, take_apart
+from affmap.model.windows import take_apart
 from affmap.view import Map, view
 
 WORLD = Layout.load("layout", "original").map
@@ -73,35 +71,6 @@ def test_an_exact_code_is_the_member_s_own_code_of_the_view() -> None:
                 code = alone.encode(take_apart(view(WORLD, positions[member, i, j])[None, None]))
                 torch.testing.assert_close(codes[member, i, j], code[0, 0])
     assert (codes.std(dim=(1, 2)) > 1e-3).all()  # places differ, or this would show nothing
-
-
-def test_each_different_view_is_encoded_only_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The stack's own codes, for views that come again, in another order, and mixed with new ones; calls counted."""
-    whole = stack(*SEEDS)
-    views = view(WORLD, places(3, 40))
-    expected = whole.encode(take_apart(views))
-    encoded: list[int] = []
-
-    def encode(windows: Windows) -> Tensor:
-        encoded.append(windows.ids.numel())
-        return Stack.encode(whole, windows)
-
-    monkeypatch.setattr(whole, "encode", encode)
-    codes = ViewCodes(whole)
-    torch.testing.assert_close(codes(views[:, :15]), expected[:, :15])
-    torch.testing.assert_close(codes(views.flip(1)), expected.flip(1))
-    torch.testing.assert_close(codes(views.view(3, 8, 5, 1, 11, 11)), expected.view(3, 8, 5, -1))
-    assert len(encoded) == 2 and sum(encoded) == len(np.unique(views.flatten(0, 1).numpy(), axis=0))
-
-
-def test_what_was_forgotten_is_encoded_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With room for a single view, the same codes."""
-    monkeypatch.setattr(ViewCodes, "limit", 1)
-    whole = stack(*SEEDS)
-    codes = ViewCodes(whole)
-    for seed in range(3):
-        views = view(WORLD, places(3, 5, seed=seed))
-        torch.testing.assert_close(codes(views), whole.encode(take_apart(views)))
 
 
 def test_the_error_of_a_look_up_is_its_distance_from_the_exact_one() -> None:
