@@ -13,7 +13,7 @@ from affmap.config import Config, label
 from affmap.control.agent import Agent
 from affmap.control.episodes import control
 from affmap.data.collect import collect, coverage
-from affmap.model.lookup import AffordanceMap, ExactLookup, lookup_error, make_lookup
+from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup, lookup_error, make_lookup
 from affmap.model.stack import Stack
 from affmap.progress import track
 from affmap.report.tables import Job
@@ -113,14 +113,19 @@ def _control(config: Config, train: Path, folder: Path) -> None:
     }
     for place, (key, value) in enumerate(setting.items()):
         runs.table.insert(place, key, value)
-    if stack.context_size > 0:
-        visited = torch.from_numpy(runs.trajectories["position"]).to(config.control.device)
-        errors = lookup_error(lookup, ExactLookup(stack, config.layout.map), visited.unflatten(0, (config.members, -1)))
-        runs.table["lookup_error"] = errors.mean(-1).flatten().cpu().numpy()
-    else:
-        runs.table["lookup_error"] = 0.0
+    runs.table["lookup_error"] = _lookup_error(config, stack, lookup, runs.trajectories["position"])
     runs.table.to_csv(folder / "runs.csv", index=False, float_format="%.6f")
     np.savez_compressed(folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
+
+
+def _lookup_error(config: Config, stack: Stack, lookup: Lookup, positions: np.ndarray) -> np.ndarray:
+    """Mean error of context codes along paths `[B, T + 1, 2]` (u): `[B]`."""
+    if config.lookup.spacing == 0 or stack.context_size == 0:
+        return np.zeros(len(positions))
+    exact = ExactLookup(stack, config.layout.map)
+    visited = torch.from_numpy(positions).to(config.control.device).unflatten(0, (config.members, -1))
+    errors = [lookup_error(lookup, exact, now) for now in visited.unbind(2)]  # a step at a time bounds the memory
+    return torch.stack(errors).mean(0).flatten().cpu().numpy()
 
 
 def _stack(config: Config) -> Stack:

@@ -17,28 +17,47 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_ratios_are_those_of_neighbouring_times(load: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By hand: a machine that gets slower from round to round, and a contender that needs thrice as long."""
+    """By hand: a machine that is slower in some rounds than in others, and a peer whose lead changes, too.
+
+    Seconds a unit are 1, 4, 2 of ours and 2, 36, 6 of the peer: the median of ratios is 3, the ratio of medians is not.
+    """
     measure = load("measure")
-    clock, speed = [0.0], [0.0]
+    clock, rounds = [0.0], iter([(1.0, 2.0), (4.0, 9.0), (2.0, 3.0)])
+    machine, peer = [1.0], [1.0]
 
     def work(seconds: float) -> None:
-        clock[0] += seconds * speed[0]
+        clock[0] += seconds
 
     def limit() -> float:
-        speed[0] += 1.0  # a round begins
-        return 100.0 / speed[0]
+        machine[0], peer[0] = next(rounds)
+        return 100.0 / machine[0]
 
     monkeypatch.setattr(measure.time, "process_time", lambda: clock[0])
     monkeypatch.setattr(measure, "limit", limit)
     contenders = [
-        measure.Contender("ours", lambda: work(2.0), 4),  # half a second a unit
-        measure.Contender("peer", lambda: work(3.0), 2),
+        measure.Contender("ours", lambda: work(4 * machine[0]), 4),
+        measure.Contender("peer", lambda: work(2 * machine[0] * peer[0]), 2),
     ]
-    ours, peer = measure.compare("work", "unit", contenders, flop=10.0, rounds=3)
-    assert (ours.seconds, peer.seconds) == (1.0, 3.0)  # of the round in the middle
+    ours, other = measure.compare("work", "unit", contenders, flop=10.0, rounds=3)
+    assert (ours.seconds, other.seconds) == (2.0, 6.0)
     assert (ours.ratio, ours.ratio_low, ours.ratio_high) == (1.0, 1.0, 1.0)
-    assert (peer.ratio, peer.ratio_low, peer.ratio_high) == (3.0, 3.0, 3.0)
-    assert ours.share_of_limit == pytest.approx(10 / 0.5 / 100) and peer.share_of_limit == pytest.approx(10 / 1.5 / 100)
+    assert (other.ratio, other.ratio_low, other.ratio_high) == (3.0, 2.0, 9.0)
+    assert ours.share_of_limit == pytest.approx(10 / 100) and other.share_of_limit == pytest.approx(10 / 3 / 100)
+
+
+def test_what_was_measured_is_drawn(load: Any) -> None:
+    """A bar for every contender but the first of each work."""
+    measure, figure = load("measure"), load("figure")
+    row = measure.Result("training", "update", "plain PyTorch", 4e-3, 12.0, 11.0, 13.0, 0.03)
+    rows = [row._replace(contender="ours", seconds=3e-4, ratio=1.0), row, row._replace(contender="another", ratio=0.5)]
+    drawn = figure.draw(rows, None)
+    assert [bar.get_width() for bar in drawn.axes[0].patches] == [11.0, -0.5]
+
+
+def test_control_is_taken_apart(load: Any) -> None:
+    """The parts of a step are all of it."""
+    parts = load("simulation").control_step(members=1, num_steps=3)
+    assert parts["share"].sum() == pytest.approx(1) and (parts["milliseconds"] > 0).all()
 
 
 def test_the_plain_model_does_the_same_work(load: Any) -> None:

@@ -17,8 +17,11 @@ import yaml
 from affmap import run, stages, sweep
 from affmap.config import Config
 from affmap.env import Layout
+from affmap.model.lookup import AffordanceMap, ExactLookup
+from affmap.model.stack import Stack
 from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
 from affmap.settings import ConfigError
+from affmap.training.fit import restore
 
 COMMAND = Path(sys.executable).parent / "affmap"
 TINY = [
@@ -270,6 +273,24 @@ def test_reference_models_are_controlled_without_training(swept: Path, tmp_path:
     (found,) = run._found(jobs(swept, "model.context_size=1"))
     assert (job.control / "runs.csv").read_bytes() == (found.control / "runs.csv").read_bytes()
     assert job.control.name != found.control.name
+
+
+def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
+    """Computed again from the trajectories, one member and run at a time, with a map and exact look-ups made anew."""
+    (config,) = jobs(swept, "planner=cem", "model.context_size=1")
+    (job,) = run._found([config])
+    table = pd.read_csv(job.control / "runs.csv")
+    whole = restore(Stack(config.model, 1, config.seeds), job.train / "weights.safetensors")
+    with np.load(job.control / "trajectories.npz") as arrays:
+        positions = torch.from_numpy(arrays["position"])
+    painted = AffordanceMap.paint(whole, config.layout.map, config.lookup.spacing)
+    exact = ExactLookup(whole, config.layout.map)
+    for b, error in enumerate(table["lookup_error"]):
+        member = config.seeds.index(table["member"][b])
+        path = positions[b].expand(config.members, -1, -1)
+        found = (painted(path) - exact(path))[member].abs().mean()
+        assert error == pytest.approx(found.item(), abs=2e-6)
+    assert table["lookup_error"].nunique() > 2
 
 
 def test_a_report_of_an_incomplete_sweep_says_what_is_missing(

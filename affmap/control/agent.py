@@ -69,7 +69,7 @@ class Agent:
     """B agents side by side."""
 
     def __init__(self, stack: Stack, lookup: Lookup, planner: Planner, settings: ControlSettings) -> None:
-        """Put an agent together; `lookup` must belong to `stack`."""
+        """Put an agent together; `lookup` must belong to `stack`, whose weights cease to require gradients."""
         self._stack = stack.requires_grad_(False)
         self._lookup, self._planner, self._settings = lookup, planner, settings
         self._codes = ViewCodes(self._stack)

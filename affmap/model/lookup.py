@@ -31,9 +31,7 @@ class LookupSettings(Settings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.differentiable and self.spacing == 0:
-            raise ValueError(
-                "differentiable = True needs an affordance map; say spacing=0.01, or differentiable=false."
-            )
+            raise ValueError("differentiable = True needs an affordance map: lookup.spacing must be greater than 0.")
         return self
 
     @property
@@ -69,7 +67,6 @@ class ExactLookup:
         """Look up codes of `stack` in `world`."""
         self._codes, self._world = ViewCodes(stack), world
 
-    @torch.no_grad()
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         return self._codes(view(self._world, inside(positions, positions.new_tensor(self._world.size))))

@@ -46,10 +46,10 @@ def rollout(transition: TransitionModel, lookup: Lookup, situation: Situation, a
         return start.mT.repeat_interleave(num_candidates, dim=2).mT
 
     step = transition.step()
-    position = of_paths(situation.position.view(num_members, -1, 2))
-    delta = of_paths(situation.delta.view(num_members, -1, 2))
+    position = of_paths(situation.position.unflatten(0, (num_members, -1)))
+    delta = of_paths(situation.delta.unflatten(0, (num_members, -1)))
     carry = tuple(of_paths(part) for part in situation.carry)
-    throttles = actions.view(num_members, num_paths, horizon, 4).permute(2, 0, 3, 1).contiguous().mT  # [H, M, P, 4]
+    throttles = actions.reshape(num_members, num_paths, horizon, 4).permute(2, 0, 3, 1).contiguous().mT  # [H, M, P, 4]
     means, log_stds = [], []
     for action in throttles:
         carry, (delta, log_std) = step(carry, lookup(position), delta, action)

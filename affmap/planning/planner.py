@@ -11,7 +11,10 @@ import torch
 from torch import Tensor
 
 Objective = Callable[[Tensor], Tensor]
-"""Cost of candidates: actions `[B, N, H, 4]` -> `[B, N]`, to be minimised."""
+"""Cost of candidates: actions `[B, N, H, 4]` -> `[B, N]`, to be minimised.
+
+Planners that need no gradient call it in torch's inference mode: it must not differentiate anything itself then.
+"""
 
 Generators = Sequence[np.random.Generator]
 """One generator a problem, B of them, so that a problem's plan does not depend on its neighbours."""

@@ -28,7 +28,7 @@ def write(output: Path, jobs: Sequence[Job], factor: str, notice: str | None) ->
     folder.mkdir(parents=True, exist_ok=True)
     write_runs(folder, runs)
     write_csv(folder / f"{factor}.csv", table)
-    figures.draw_comparison(table, runs, factor, output / "figures", notice)
+    figures.draw_lookups(table, runs, output / "figures", notice)
     path = folder / f"{factor}.md"
     heading = f"**{notice}**\n\n" if notice else ""
     path.write_text(heading + markdown(table, factor), "utf-8", newline="\n")

@@ -63,25 +63,25 @@ def draw_all(results: Results, folder: Path, notice: str | None) -> dict[str, fl
     return widths
 
 
-def draw_comparison(table: pd.DataFrame, runs: pd.DataFrame, factor: str, folder: Path, notice: str | None) -> None:
-    """Draw and save what `comparison.compare` has found for a factor with numbers for values.
+def draw_lookups(table: pd.DataFrame, runs: pd.DataFrame, folder: Path, notice: str | None) -> None:
+    """Draw and save what `comparison.compare` has found about look-ups, as `lookup_spacing.png` and `.pdf`.
 
     Args:
         table: what it returned.
         runs: the runs that it compared.
-        factor: a column of `runs`.
-        folder: where PNG and PDF go, named by the factor.
+        folder: where the files go.
         notice: what must stand on the figure, or None.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    spacings = list(runs["lookup_spacing"].unique())
     with mpl.rc_context(STYLE):
         figure = _figure(2.3)
         metrics = list(table["metric"].unique())
         error, *axes = figure.subplots(1, 1 + len(metrics))
-        panels.lookup_errors(error, runs, factor)
+        panels.lookup_errors(error, runs, spacings)
         for ax, metric in zip(axes, metrics, strict=True):
-            panels.differences(ax, table[table["metric"] == metric], factor)
-        _save(figure, folder / factor, notice)
+            panels.lookup_differences(ax, table[table["metric"] == metric], spacings)
+        _save(figure, folder / "lookup_spacing", notice)
 
 
 def _save(figure: Figure, path: Path, notice: str | None) -> None:

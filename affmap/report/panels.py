@@ -4,6 +4,7 @@ Lengths are in u, the arena's lower left corner is the origin.
 """
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -31,7 +32,6 @@ LABELS = {
     "prediction_error": "prediction error (nats)",
     "mean_distance": "mean distance to the goal (u)",
     "steps_touching": "steps touching a surface",
-    "lookup_spacing": "map spacing (u)",
 }
 
 
@@ -119,37 +119,51 @@ def success_share(ax: Axes, runs: pd.DataFrame) -> Axes:
     return _legend_above(ax)
 
 
-def lookup_errors(ax: Axes, runs: pd.DataFrame, factor: str) -> Axes:
-    """How far the planner's context codes are from exact ones: mean and standard deviation over runs."""
-    values = sorted(runs[factor].unique())
-    scores = runs.groupby(factor)["lookup_error"].agg(["mean", "std"]).loc[values]
-    ax.errorbar(range(len(values)), scores["mean"], scores["std"], fmt="o", color="0.3", ms=3.5, capsize=2, lw=1)
-    ax.set_ylim(bottom=0)
-    return _value_axis(ax, values, factor, "context codes", "mean absolute error")
+def lookup_errors(ax: Axes, runs: pd.DataFrame, spacings: Sequence[float]) -> Axes:
+    """How far the planner's context codes are from exact ones: mean and standard deviation over runs.
 
-
-def differences(ax: Axes, table: pd.DataFrame, factor: str) -> Axes:
-    """Differences of a metric to the first value of a factor with their 95 % intervals, and the margin as a band.
-
-    `table` is what `comparison.compare` returned, for one metric.
+    Args:
+        ax: where to draw.
+        runs: one row per run.
+        spacings: of the maps, u, in the order in which they are to be drawn; 0 is the exact look-up.
     """
-    values = [table["a"].iloc[0], *table["b"].unique()]
+    scores = runs.groupby("lookup_spacing")["lookup_error"].agg(["mean", "std"]).loc[list(spacings)]
+    ax.errorbar(range(len(spacings)), scores["mean"], scores["std"], fmt="o", color="0.3", ms=3.5, capsize=2, lw=1)
+    ax.set_ylim(bottom=0)
+    return _spacing_axis(ax, spacings, "context codes", "mean absolute error")
+
+
+def lookup_differences(ax: Axes, table: pd.DataFrame, spacings: Sequence[float]) -> Axes:
+    """Differences of a metric to the first look-up with their 95 % intervals, and the margin as a band.
+
+    Planners and context sizes stand side by side.
+
+    Args:
+        ax: where to draw.
+        table: what `comparison.compare` returned, for one metric.
+        spacings: of the maps, u, the first one being what the others are compared with; 0 is the exact look-up.
+    """
     unit, margin = table["unit"].iloc[0], table["margin"].iloc[0]
     ax.axhspan(-margin, margin, color="0.92", lw=0)
     ax.axhline(0, color="0.6", lw=0.8)
-    for short, group in table.groupby("planner"):
+    settings = list(table.groupby(["planner", "context_size"]))
+    for number, ((short, size), group) in enumerate(settings):
         color = next(PLANNER_COLORS[key] for key, name in PLANNERS.items() if name == short)
-        places = [values.index(value) for value in group["b"]]
+        shift = 0.15 * (number - (len(settings) - 1) / 2)
+        places = [spacings.index(value) + shift for value in group["b"]]
         reach = [group["difference"] - group["low"], group["high"] - group["difference"]]
-        ax.errorbar(places, group["difference"], reach, fmt="o", color=color, ms=3.5, capsize=2, lw=1, label=short)
+        label = f"{short}, C = {size}"
+        ax.errorbar(places, group["difference"], reach, fmt="o", color=color, ms=3.5, capsize=2, lw=1, label=label)
+    if len(settings) > 1:
+        ax.legend(fontsize=6)
     title = str(table["metric"].iloc[0]).replace("_", " ")
-    return _value_axis(ax, values, factor, title, f"difference ({unit})")
+    return _spacing_axis(ax, spacings, title, f"difference ({unit})")
 
 
-def _value_axis(ax: Axes, values: list[float], factor: str, title: str, label: str) -> Axes:
-    ax.set_xticks(range(len(values)), [f"{value:g}" if value else "exact" for value in values], rotation=60)
+def _spacing_axis(ax: Axes, spacings: Sequence[float], title: str, label: str) -> Axes:
+    ax.set_xticks(range(len(spacings)), [f"{spacing:g}" if spacing else "exact" for spacing in spacings], rotation=60)
     ax.set_title(title, loc="left")
-    ax.set(xlabel=LABELS[factor], ylabel=label, xlim=(-0.5, len(values) - 0.5))
+    ax.set(xlabel="map spacing (u)", ylabel=label, xlim=(-0.5, len(spacings) - 0.5))
     return ax
 
 

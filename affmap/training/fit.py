@@ -53,7 +53,8 @@ def fit(
     """Train `stack` and write `weights.safetensors`, snapshots and `validation.csv` into `folder`.
 
     A checkpoint after each epoch (`last.ckpt`, removed at the end) is what an interrupted training resumes from, with
-    the result that it would have had. `on_epoch` is called with the number of epochs done.
+    the result that it would have had (on a GPU, which adds in no fixed order: to rounding). `on_epoch` is called with
+    the number of epochs done.
     """
     # Lightning greets, advises and says good-bye; it warns of its own use of a renamed class of PyTorch, and of data
     # read without helpers (all of it is in memory).

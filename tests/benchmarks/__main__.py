@@ -35,6 +35,8 @@ def main() -> None:
     torch.set_num_threads(1)
     output, progress = arguments.output, Console(stderr=True)
     output.mkdir(parents=True, exist_ok=True)
+    for old in output.glob("*.csv"):  # of an earlier run, perhaps of other parts
+        old.unlink()
     (output / "machine.json").write_text(json.dumps(machine.describe(), indent=2) + "\n", encoding="utf-8")
     results: list[Result] = []
     extras: dict[str, pd.DataFrame] = {}
@@ -69,7 +71,7 @@ def parse() -> Namespace:
 def table(results: Sequence[Result]) -> Table:
     """What was measured: under each work, in bold, who did it."""
     shown = Table("work and contender", "unit")
-    for heading in ("time of a unit", "ratio", "lowest", "highest", "share of the limit"):
+    for heading in ("time of a unit", "ratio", "lowest", "highest", "useful work / matrix product"):
         shown.add_column(heading, justify="right")
     for work, rows in groupby(results, lambda result: result.work):
         shown.add_row(f"[bold]{work}")

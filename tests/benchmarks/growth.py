@@ -30,8 +30,9 @@ def growth(rounds: int = 5) -> pd.DataFrame:
     """Cost of a model and update as one thing is varied.
 
     Columns: varied (members, context_size, channels, or threads and processes), members, context_size, channels,
-    threads (of each process), processes, milliseconds (a model and update; of processes at the same time: of all
-    together), peak_memory_mib (of a process that only trains, for some numbers of members).
+    threads (of each process), processes, milliseconds (a model and update; CPU time, but for threads and processes,
+    where it is the time by the clock of all together), peak_memory_mib (of a process that only trains, for some numbers
+    of members).
     """
     base = {"members": MEMBERS, "context_size": CONTEXT_SIZE, "channels": 1, "threads": 1, "processes": 1}
     rows: list[dict[str, Any]] = [

@@ -3,7 +3,7 @@
 import os
 import platform
 import time
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import torch
 from measure import limit
 
 PACKAGES = ("affmap", "torch", "numpy", "lightning", "gymnasium")
+PEERS = ("pytorch-icem", "torchrl", "mbrl", "evotorch", "stable-worldmodel")
 
 
 def describe() -> dict[str, Any]:
@@ -23,8 +24,16 @@ def describe() -> dict[str, Any]:
         "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
         "threads": torch.get_num_threads(),
         "matrix_product_gflop_per_second": round(limit() / 1e9, 1),
-        "versions": {"python": platform.python_version(), **{package: version(package) for package in PACKAGES}},
+        "versions": {"python": platform.python_version(), **{name: found(name) for name in PACKAGES + PEERS}},
     }
+
+
+def found(package: str) -> str | None:
+    """Its version; None where it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def processor() -> str:

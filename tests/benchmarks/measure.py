@@ -38,7 +38,8 @@ class Result(NamedTuple):
     ratio_high: float
     """largest of these ratios."""
     share_of_limit: float | None
-    """Useful floating-point operations a second over those of a large matrix product, where they can be counted."""
+    """Useful floating-point operations a second over those of a large matrix product, where they can be counted. Useful
+    is what the plain way of doing it would compute; who gets by with less can exceed what its processor does."""
 
 
 def compare(

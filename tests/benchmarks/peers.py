@@ -21,7 +21,7 @@ from torch import Tensor
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.planner import Objective
 
-SETTINGS = CEMPlanner.load("planner", "cem", num_iterations=10)
+SETTINGS = CEMPlanner.load("planner", "cem", num_iterations=10)  # as in PlaNet; the experiments take 5
 SHAPE = (SETTINGS.horizon, 4)
 SIZE = SETTINGS.horizon * 4
 STD = SETTINGS.initial_variance**0.5

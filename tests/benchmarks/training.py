@@ -10,7 +10,7 @@ import torch
 from flights import EPOCHS, SETTINGS, PlainBatch, batches, data_module, plain_batches
 from measure import Contender, Result, compare
 from plain import PlainModel, PlainModule
-from torch import nn
+from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
 from affmap.data.module import Batch, DataModule
@@ -34,6 +34,7 @@ def results(rounds: int) -> list[Result]:
     by_hand = [
         Contender(f"stack of {MEMBERS}", updates(stack, own), MEMBERS * len(own)),
         Contender("plain PyTorch", plain_updates(model, plain), len(plain)),
+        Contender(f"plain PyTorch, vmap over {MEMBERS}", mapped_updates(stack, plain), MEMBERS * len(plain)),
     ]
     by_lightning = [
         Contender(f"stack of {MEMBERS}", fit(stack, data_module()), MEMBERS * EPOCHS * len(own)),
@@ -84,6 +85,28 @@ def plain_updates(model: PlainModel, plain: Sequence[PlainBatch]) -> Callable[[]
             loss.backward()
             for group, max_norm in zip(optimizer.param_groups, MAX_NORMS, strict=True):
                 nn.utils.clip_grad_norm_(group["params"], max_norm)
+            optimizer.step()
+
+    return run
+
+
+def mapped_updates(stack: Stack, plain: Sequence[PlainBatch]) -> Callable[[], None]:
+    """A call trains plain models of all members of `stack` at once: what torch itself has for many seeds.
+
+    Without clipping, which vmap leaves to its user.
+    """
+    models = [PlainModel(stack, member) for member in range(len(stack.seeds))]
+    weights, _ = torch.func.stack_module_state(models)
+    optimizer = torch.optim.Adam(weights.values(), SETTINGS.transition_lr, eps=SETTINGS.adam_eps, fused=True)
+
+    def losses(own: dict[str, Tensor], batch: PlainBatch) -> Tensor:
+        return torch.func.functional_call(models[0], own, (batch,))
+
+    def run() -> None:
+        for batch in plain:
+            loss = torch.func.vmap(losses, in_dims=(0, None))(weights, batch).sum()
+            optimizer.zero_grad()
+            loss.backward()
             optimizer.step()
 
     return run

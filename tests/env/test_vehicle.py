@@ -52,6 +52,17 @@ def test_gymnasium_s_checker_has_no_complaint(render_mode: str | None) -> None:
     check_env(VehicleEnv(render_mode=render_mode), skip_render_check=render_mode is None)
 
 
+def test_without_views_all_else_is_the_same() -> None:
+    """The same flight with and without, and an observation that is in its space."""
+    seeing, blind = VehicleEnv(), VehicleEnv(views=False)
+    steps = [(env.reset(seed=3), env.step(np.array([0.2, 0.9, 0.4, 0.1]))) for env in (seeing, blind)]
+    for (seen, *rest), (felt, *others) in zip(*steps, strict=True):
+        assert set(seen) - set(felt) == {"view"} and blind.observation_space.contains(felt)
+        for key, value in felt.items():
+            np.testing.assert_array_equal(value, seen[key])
+        assert str(rest) == str(others)
+
+
 def test_it_is_registered_once() -> None:
     """Registering again (Gymnasium's plugin entry point does) changes nothing and does not warn."""
     spec = gymnasium.registry["affmap/Vehicle-v0"]

@@ -44,10 +44,47 @@ def test_each_different_view_is_encoded_only_once(monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_was_forgotten_is_encoded_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With room for a single view, the same codes."""
+    """With room for a single view: the same codes, and no more is kept than one call has seen."""
     monkeypatch.setattr(ViewCodes, "limit", 1)
     whole = stack()
     codes = ViewCodes(whole)
     for seed in range(3):
         seen = views(5, seed)
         torch.testing.assert_close(codes(seen), whole.encode(take_apart(seen)))
+        assert len(codes._numbers) <= 15
+
+
+def test_codes_are_those_of_the_present_weights() -> None:
+    """A weight changed in place, as an optimiser does it."""
+    whole, seen = stack(), views(5)
+    codes = ViewCodes(whole)
+    before = codes(seen)
+    assert whole.vision is not None
+    whole.vision.linear2.bias.add_(0.5)
+    torch.testing.assert_close(codes(seen), whole.encode(take_apart(seen)))
+    assert (codes(seen) - before).abs().max() > 0.1
+
+
+def test_a_failed_call_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interrupted while new views are encoded, or given views of another type: the next call is right."""
+    whole, seen = stack(), views(9)
+    codes = ViewCodes(whole)
+    codes(seen[:, :2])
+    with pytest.raises(TypeError, match=r"must be torch\.bool"):
+        codes(seen.byte())
+
+    def interrupt(windows: Windows) -> Tensor:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(whole, "encode", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        codes(seen)
+    monkeypatch.undo()
+    torch.testing.assert_close(codes(seen), whole.encode(take_apart(seen)))
+
+
+def test_as_many_views_as_members_or_an_error() -> None:
+    """Two or five sets of views for three members mean nothing."""
+    for count in (2, 5):
+        with pytest.raises(ValueError, match=f"leading axis {count}; it must be 3"):
+            ViewCodes(stack())(torch.zeros(count, 4, 1, 11, 11, dtype=torch.bool))

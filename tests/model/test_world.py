@@ -1,6 +1,7 @@
 """Imagined paths against a plain loop over problems, candidates, steps and numbers."""
 
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -10,6 +11,7 @@ from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import ModelSettings, Stack
+from affmap.model.transition import Carry, TransitionModel
 from affmap.model.world import Situation, rollout
 
 WORLD = Layout.load("layout", "original").map
@@ -91,6 +93,38 @@ def test_problems_together_are_each_alone() -> None:
         alone = rollout(one.transition, lookup, Situation(position[mine], delta[mine], ()), actions[mine])
         for whole_part, part in zip(together, alone, strict=True):
             torch.testing.assert_close(whole_part[mine], part, atol=1e-5, rtol=1e-5)
+
+
+def test_the_carry_goes_from_step_to_step() -> None:
+    """A model that adds up its throttles and moves by the sum, with a start of its own for each problem; by hand."""
+
+    class Adding(TransitionModel):
+        def step(self) -> Any:
+            def step(carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
+                total = carry[0] + action[..., :2]
+                return (total,), Gaussian(total, torch.zeros_like(total))
+
+            return step
+
+    adding = Adding([torch.Generator().manual_seed(seed) for seed in SEEDS], 0, 32, 4.0).requires_grad_(False)
+    position, delta, actions = situation()
+    carry = torch.randn(len(SEEDS), AGENTS, 2, generator=torch.Generator().manual_seed(3))
+    lookup = ExactLookup(stack(*SEEDS, context_size=0), WORLD)
+    found = rollout(adding, lookup, Situation(position, delta, (carry,)), actions)
+    moves = carry.view(B, 1, 1, 2) + actions[..., :2].cumsum(2)
+    torch.testing.assert_close(found.mean, position.view(B, 1, 1, 2) + moves.cumsum(2))
+
+
+def test_any_memory_layout_of_actions_will_do() -> None:
+    """Against a contiguous copy."""
+    whole = stack(*SEEDS, context_size=3)
+    position, delta, actions = situation()
+    lookup, start = AffordanceMap.paint(whole, WORLD, 0.5), Situation(position, delta, ())
+    strange = actions.transpose(1, 2).contiguous().transpose(1, 2)
+    same = actions[:, :1].expand(-1, 3, -1, -1)
+    for layout in (strange, same):
+        found, expected = (rollout(whole.transition, lookup, start, each) for each in (layout, layout.contiguous()))
+        assert torch.equal(found.mean, expected.mean)
 
 
 def test_deviations_never_shrink_along_a_path() -> None:

@@ -446,3 +446,12 @@ def test_as_many_generators_as_problems_are_needed(seeds: tuple[int, ...]) -> No
     method = planner()
     with pytest.raises(ValueError, match="zip"):
         method.plan(distance_to(torch.zeros(2, H, 4)), method.initial(2), generators(*seeds))
+
+
+def test_plans_and_states_may_meet_autograd() -> None:
+    """The search runs in inference mode; what it returns is free of it."""
+    plan, state = planner().plan(distance_to(torch.rand(2, H, 4)), planner().initial(2), generators(0, 1))
+    for tensor in (*plan, *state):
+        assert not tensor.is_inference()
+    weight = torch.ones(1, requires_grad=True)
+    (weight * plan.actions).sum().backward()

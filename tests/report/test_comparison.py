@@ -91,18 +91,28 @@ def test_the_markdown_has_a_row_per_comparison() -> None:
 def test_what_is_drawn_is_the_table() -> None:
     """Points at the differences, bars to the ends of the intervals, the band as wide as the margin."""
     table = comparison.compare(runs(0.1), "lookup_spacing").query("metric == 'mean_distance'")
-    ax = panels.differences(Figure().subplots(), table, "lookup_spacing")
+    ax = panels.lookup_differences(Figure().subplots(), table, [0.0, 0.01])
     (bars,) = ax.containers
     found = table.iloc[0]
-    assert bars[0].get_ydata().tolist() == [found["difference"]]
+    assert bars[0].get_ydata().tolist() == [found["difference"]] and bars[0].get_xdata().tolist() == [1.0]
     (segment,) = bars[2][0].get_segments()
     np.testing.assert_allclose(segment[:, 1], [found["low"], found["high"]])
     assert [label.get_text() for label in ax.get_xticklabels()] == ["exact", "0.01"]
     band = ax.patches[0].get_extents().transformed(ax.transData.inverted())
     assert (band.y0, band.y1) == pytest.approx((-0.05, 0.05))
+    assert ax.get_legend() is None
+
+
+def test_several_settings_stand_side_by_side() -> None:
+    """A second context size: another place, and a legend that names both."""
+    table = comparison.compare(pd.concat([runs(0.1), runs(0.2).assign(context_size=3)]), "lookup_spacing")
+    ax = panels.lookup_differences(Figure().subplots(), table.query("metric == 'mean_distance'"), [0.0, 0.01])
+    places = [bars[0].get_xdata()[0] for bars in ax.containers]
+    assert places == pytest.approx([0.925, 1.075])
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["EB, C = 3", "EB, C = 8"]
 
 
 def test_the_error_of_context_codes_is_the_mean_over_runs() -> None:
-    """By construction: equal to the spacing in every run."""
-    ax = panels.lookup_errors(Figure().subplots(), runs(0.0), "lookup_spacing")
-    assert ax.containers[0][0].get_ydata().tolist() == [0.0, 0.01]
+    """By construction: equal to the spacing in every run; drawn in the order asked for."""
+    ax = panels.lookup_errors(Figure().subplots(), runs(0.0), [0.01, 0.0])
+    assert ax.containers[0][0].get_ydata().tolist() == [0.01, 0.0]
