@@ -7,7 +7,7 @@ nothing of how the others do it. `python tests/benchmarks/planning.py` lists the
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import mean
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from affmap.control.agent import Agent, ControlSettings, Observation
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, make_lookup
 from affmap.model.stack import Stack
+from affmap.planning.gradient import GradientPlanner
 from affmap.planning.planner import Objective
 from affmap.random import generator, integer
 from affmap.settings import folder
@@ -124,6 +125,25 @@ def results(rounds: int) -> list[Result]:
     return [
         *compare("planning, 1 agent", UNIT, single, flop, rounds),
         *compare(work, UNIT, [*together, *apart], flop, rounds),
+        *compare(f"gradient planning, {num_agents} agents", UNIT, _gradient(agents), rounds=rounds),
+    ]
+
+
+def _gradient(agents: Agents) -> list[Contender]:
+    """Our gradient-based planner for all agents, with and without gradients through the map, and for a quarter."""
+    through = replace(agents, lookup=AffordanceMap(agents.lookup.codes, agents.lookup.world, differentiable=True))
+    first = len(agents.start.goal) // len(agents.stack.seeds)
+    quarter = replace(agents, start=Observation(*(part[::first] for part in agents.start)))  # one of each member's
+    planner = GradientPlanner.load("planner", "gradient")
+
+    def contender(name: str, some: Agents) -> Contender:
+        objective, state = some.objective(), planner.initial(len(some.start.goal))
+        return Contender(name, lambda: planner.plan(objective, state, []), len(some.start.goal))
+
+    return [
+        contender("affmap, together", agents),
+        contender("affmap, together, gradients through the map", through),
+        contender("affmap, a quarter of them", quarter),
     ]
 
 
