@@ -34,11 +34,11 @@ exp1: $(READY)  ## Experiment I: explore, train, control, report (SCALE=smoke: a
 	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
-lookups: $(READY)  ## control with the affordance map and with exact look-ups compared (about ten minutes; after exp1)
+lookups: $(READY)  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
 	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
-bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 10 minutes)
+bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 5 minutes)
 	$(VENV)-bench/bin/python -W ignore tests/benchmarks $(ARGS)
 
 $(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requirements.txt

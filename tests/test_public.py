@@ -46,6 +46,27 @@ def test_the_readme_says_what_the_comparison_of_look_ups_found() -> None:
     assert said in (ROOT / "README.md").read_text("utf-8").replace("\n", " ")
 
 
+@pytest.mark.parametrize(
+    ("said", "work", "contender", "low", "high"),
+    [
+        ("a twelfth of the time of plain PyTorch", "training by hand", "plain PyTorch", 11.5, 12.5),
+        ("a ninth of that of `torch.func.vmap`", "training by hand", "plain PyTorch, vmap over 25", 8.5, 9.5),
+        ("a ninth of the time that our planner needs", "planning, 100", "affmap, one at a time", 8.5, 9.5),
+        ("an eighth to a thirteenth", "planning, 100", "stable-worldmodel, one at a time", 7.5, 8.5),
+        ("an eighth to a thirteenth", "planning, 100", "torchrl, one at a time", 12.5, 13.5),
+        ("one of them is 8 % faster", "planning, 1 agent", "stable-worldmodel", 0.915, 0.925),
+        ("fifty times as fast as the vision model in plain PyTorch", "look-up", "plain PyTorch", 45, 55),
+        ("2.6 times as long as LunarLander", "simulation, one", "LunarLander-v3", 1 / 2.65, 1 / 2.55),
+    ],
+)
+def test_the_readme_s_ratios_are_those_measured(said: str, work: str, contender: str, low: float, high: float) -> None:
+    """The words against the table that `make bench` wrote."""
+    table = pd.read_csv(ROOT / "runs/reference/bench/results.csv")
+    (ratio,) = table[table["work"].str.startswith(work) & (table["contender"] == contender)]["ratio"]
+    assert low <= ratio <= high
+    assert said in (ROOT / "README.md").read_text("utf-8").replace("\n ", "")
+
+
 def test_the_readme_quotes_the_effect_at_a_stronger_contact_damping() -> None:
     """Golden: the effect of claim I-5 as the table of that run has it."""
     table = (ROOT / "runs/reference/damped/tables/claims.md").read_text("utf-8").splitlines()
