@@ -67,6 +67,20 @@ def test_the_readme_s_ratios_are_those_measured(said: str, work: str, contender:
     assert said in (ROOT / "README.md").read_text("utf-8").replace("\n ", "")
 
 
+def test_the_readme_s_other_numbers_on_speed_are_those_measured() -> None:
+    """Exact look-ups beside plain PyTorch, the share of a control step, processes beside threads: from the tables."""
+    readme = (ROOT / "README.md").read_text("utf-8").replace("\n ", "")
+    results, step, growth = (
+        pd.read_csv(ROOT / f"runs/reference/bench/{name}.csv") for name in ("results", "control_step", "growth")
+    )
+    ratio = results[results["work"].str.startswith("look-up")].set_index("contender")["ratio"]
+    assert round(ratio["plain PyTorch"] / ratio["exact, views known"]) == 4
+    assert "remember the views that they have seen, four times" in readme
+    assert f"takes {1 - step.set_index('part')['share']['planning']:.0%}".replace("%", " %") in readme
+    team = growth[growth["varied"] == "threads and processes"].set_index(["processes", "threads"])["milliseconds"]
+    assert f"train {team[1, 2] / team[2, 1]:.1f} times as much" in readme
+
+
 def test_the_readme_quotes_the_effect_at_a_stronger_contact_damping() -> None:
     """Golden: the effect of claim I-5 as the table of that run has it."""
     table = (ROOT / "runs/reference/damped/tables/claims.md").read_text("utf-8").splitlines()

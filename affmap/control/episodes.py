@@ -16,7 +16,6 @@ from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
-from affmap.view import view
 
 
 class Runs(NamedTuple):
@@ -50,7 +49,7 @@ def control(
         for env, (seed, run) in zip(envs, pairs, strict=True)
     ]
     positions = [np.stack([info["position"] for _, info in starts])]
-    observation = _batch([start for start, _ in starts], view(layout.map, positions[-1]), settings.device)
+    observation = _batch([start for start, _ in starts], envs[0].probe(positions[-1]), settings.device)
     record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     state = agent.initial(len(pairs))
     for step in range(settings.num_steps):
@@ -58,7 +57,7 @@ def control(
         results = [env.step(action) for env, action in zip(envs, decision.action.cpu().numpy(), strict=True)]
         infos = [result[4] for result in results]
         positions.append(np.stack([info["position"] for info in infos]))
-        observation = _batch([result[0] for result in results], view(layout.map, positions[-1]), settings.device)
+        observation = _batch([result[0] for result in results], envs[0].probe(positions[-1]), settings.device)
         _note(record, decision, observation, infos)
         on_step(step + 1)
     trajectories = {key: np.stack(parts, axis=1) for key, parts in record.items()}

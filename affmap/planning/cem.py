@@ -6,7 +6,7 @@ evaluated, and the distribution moves to the elites. What each modification is t
 - momentum on means and variances (de Boer et al. 2005): steadier estimates from few elites;
 - some elites are kept among the next iteration's candidates, and, shifted by a step, among the next step's (iCEM);
 - means are shifted to the next step, variances start anew (PETS): a warm start that can still leave its optimum;
-- the best candidate found is executed, not the mean (iCEM);
+- the best candidate of the last iteration is executed (of all, where elites are kept), not the mean (iCEM);
 - values outside [0, 1] are drawn again: a truncated normal, drawn in one shot through its quantile function.
 """
 
