@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 from affmap.control.agent import ControlSettings
 from affmap.data.collect import Exploration
@@ -22,6 +22,14 @@ from affmap.planning.gradient import GradientPlanner
 from affmap.settings import Settings
 from affmap.store import Stage, Store
 from affmap.training.settings import TrainingSettings
+
+
+def _layout(name: Any) -> Any:
+    """The layout of `conf/layout/<name>.yaml`; whatever is no name is left to the next check."""
+    return Layout.load("layout", name) if isinstance(name, str) else name
+
+
+NamedLayout = Annotated[Layout, BeforeValidator(_layout)]
 
 
 class ReportSettings(Settings):
@@ -57,7 +65,14 @@ class Config(Settings):
     """Folder of the reference run's stages."""
     sweep: Mapping[str, str | int]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
-    layout: Layout
+    world: str
+    """Layout (a file of `conf/layout`) of everything that names no other."""
+    training_layouts: tuple[NamedLayout, ...] = Field(min_length=1)
+    """Where data are collected, in equal parts."""
+    control_layout: NamedLayout
+    """Where agents fly."""
+    map_layout: NamedLayout
+    """What affordance maps are painted of for the report."""
     vehicle: Vehicle
     data: Exploration
     model: ModelSettings
@@ -69,8 +84,19 @@ class Config(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        self.layout.check_corners(self.vehicle.radius)
+        for layout in (*self.training_layouts, self.control_layout, self.map_layout):
+            if layout.channels != self.channels:
+                raise ValueError(
+                    f"layout {layout.name!r} has channels {list(layout.channels)}, but training_layouts[0] "
+                    f"({self.training_layouts[0].name!r}) has {list(self.channels)}; a model sees the same ones everywhere."
+                )
+        self.control_layout.check_corners(self.vehicle.radius)
         return self
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the K channels of a view."""
+        return self.training_layouts[0].channels
 
     @property
     def seeds(self) -> range:
@@ -80,7 +106,7 @@ class Config(Settings):
     @cached_property
     def data_stage(self) -> Stage:
         """Exploration."""
-        return self._stage("data", "layout", "vehicle", "data")
+        return self._stage("data", "training_layouts", "vehicle", "data")
 
     @cached_property
     def train_stage(self) -> Stage:
@@ -90,12 +116,12 @@ class Config(Settings):
     @cached_property
     def map_stage(self) -> Stage:
         """Affordance maps of the members."""
-        return self._stage("map", *self.train_stage.config, "models", "report")
+        return self._stage("map", *self.train_stage.config, "models", "report", "map_layout")
 
     @cached_property
     def control_stage(self) -> Stage:
         """Goal-directed runs."""
-        return self._stage("control", *self.train_stage.config, "models", "lookup", "planner", "control")
+        return self._stage("control", *self.train_stage.config, "models", "lookup", "planner", "control", "control_layout")
 
     def _stage(self, stage: str, *keys: str) -> Stage:
         return Stage(stage, self.model_dump(mode="json", include=set(keys)))

@@ -65,12 +65,17 @@ def check_models(config: Config) -> None:
 
 
 def _collect(config: Config, folder: Path) -> None:
-    with track(f"exploration of {config.layout.name}", config.data.num_sequences, "sequences") as update:
-        arrays = collect(config.layout, config.vehicle, config.data, lambda sequence: update(sequence + 1))
+    layouts, num_sequences = config.training_layouts, config.data.num_sequences
+    names = ", ".join(layout.name for layout in layouts)
+    with track(f"exploration of {names}", len(layouts) * num_sequences, "sequences") as update:
+        arrays = collect(layouts, config.vehicle, config.data, lambda sequence: update(sequence + 1))
     np.savez_compressed(folder / DATASET, allow_pickle=False, **arrays)
-    covered = coverage(config.layout, config.vehicle, arrays["true_position"])
-    np.savez_compressed(folder / "coverage.npz", allow_pickle=False, **covered)
-    log.info("exploration of %s: %.1f %% of the free squares visited", config.layout.name, 100 * covered["coverage"])
+    parts = arrays["true_position"].reshape(len(layouts), num_sequences, -1, 2)
+    covered = [coverage(layout, config.vehicle, part) for layout, part in zip(layouts, parts, strict=True)]
+    stacked = {key: np.stack([part[key] for part in covered]) for key in covered[0]}
+    np.savez_compressed(folder / "coverage.npz", allow_pickle=False, **stacked)
+    share = 100 * stacked["coverage"].min()
+    log.info("exploration of %s: %.1f %% of the free squares visited, or more", names, share)
 
 
 def _train(config: Config, data: Path, folder: Path) -> None:
@@ -84,7 +89,7 @@ def _train(config: Config, data: Path, folder: Path) -> None:
 
 
 def _paint(config: Config, train: Path, folder: Path) -> None:
-    world, spacing = config.layout.map, config.report.map_spacing
+    world, spacing = config.map_layout.map, config.report.map_spacing
     codes = AffordanceMap.paint(_trained(config, train), world, spacing).codes
     rows, columns = codes.shape[1:3]
     np.savez_compressed(
@@ -92,21 +97,21 @@ def _paint(config: Config, train: Path, folder: Path) -> None:
         allow_pickle=False,
         codes=codes.numpy(),
         initial_codes=AffordanceMap.paint(_stack(config), world, spacing).codes.numpy(),
-        x=np.linspace(0, config.layout.size[0], columns),
-        y=np.linspace(0, config.layout.size[1], rows),
+        x=np.linspace(0, world.size[0], columns),
+        y=np.linspace(0, world.size[1], rows),
         member=np.array(config.seeds),
     )
 
 
 def _control(config: Config, train: Path, folder: Path) -> None:
     stack = _trained(config, train).to(config.control.device)
-    lookup = make_lookup(config.lookup, stack, config.layout.map)
+    lookup = make_lookup(config.lookup, stack, config.control_layout.map)
     agent = Agent(stack, lookup, config.planner, config.control)
     num_runs = config.members * config.control.runs_per_member
     with track(f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps") as update:
-        runs = control(agent, config.layout, config.vehicle, config.control, update)
+        runs = control(agent, config.control_layout, config.vehicle, config.control, update)
     setting: dict[str, str | int | float] = {
-        "layout": config.layout.name,
+        "layout": config.control_layout.name,
         "planner": config.planner.kind,
         "lookup_spacing": config.lookup.spacing,
         "context_size": config.model.context_size,
@@ -122,14 +127,14 @@ def _lookup_error(config: Config, stack: Stack, lookup: Lookup, positions: np.nd
     """Mean error of context codes along paths `[B, T + 1, 2]` (u): `[B]`."""
     if config.lookup.spacing == 0 or stack.context_size == 0:
         return np.zeros(len(positions))
-    exact = ExactLookup(stack, config.layout.map)
+    exact = ExactLookup(stack, config.control_layout.map)
     visited = torch.from_numpy(positions).to(config.control.device).unflatten(0, (config.members, -1))
     errors = [lookup_error(lookup, exact, now) for now in visited.unbind(2)]  # a step at a time bounds the memory
     return torch.stack(errors).mean(0).flatten().cpu().numpy()
 
 
 def _stack(config: Config) -> Stack:
-    return Stack(config.model, len(config.layout.channels), config.seeds)
+    return Stack(config.model, len(config.channels), config.seeds)
 
 
 def _trained(config: Config, train: Path) -> Stack:

@@ -52,9 +52,7 @@ def _check(overrides: Sequence[str]) -> Config:
     composed = _compose(overrides)
     choices = composed.hydra.runtime.choices
     origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
-    origins[""] = (
-        f"{origins['layout'].removesuffix(' or the command line')} with {origins['vehicle']}"  # checked together
-    )
+    origins[""] = f"conf/layout with {origins['vehicle']}"  # checked together
     return Config.checked(plain(composed), "conf/config.yaml or the command line", origins)
 
 

@@ -2,7 +2,7 @@
 
 Knows the environment; knows no models.
 
-Arrays of a data set (S sequences, T steps; lengths in u):
+Arrays of a data set (S sequences, those of one world after the other; T steps; lengths in u):
 
 | array | shape | meaning |
 |---|---|---|
@@ -13,7 +13,7 @@ Arrays of a data set (S sequences, T steps; lengths in u):
 | touching | [S, T] bool | an obstacle or a border is touched after the step |
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Self
 
 import numpy as np
@@ -32,10 +32,11 @@ class Exploration(Settings):
     seed: NonNegativeInt
     """Seed of exploration and of the batch order."""
     num_sequences: PositiveInt
+    """Sequences in each world."""
     num_steps: PositiveInt
     """T, steps of a sequence."""
     num_validation: PositiveInt
-    """How many of the sequences are kept for validation."""
+    """How many of the sequences of each world, the last ones, are kept for validation."""
     max_hold: PositiveInt
     """Each action is held for 1 to `max_hold` steps; longer holds reach higher speeds."""
     binary_share: float = Field(ge=0, le=1)
@@ -52,21 +53,21 @@ class Exploration(Settings):
 
 
 def collect(
-    layout: Layout,
+    layouts: Sequence[Layout],
     vehicle: Vehicle,
     exploration: Exploration,
     on_sequence: Callable[[int], None] = lambda sequence: None,
 ) -> dict[str, np.ndarray]:
-    """Explore a world at random (Appendix A); arrays as in the table above.
+    """Explore worlds at random (Appendix A); arrays as in the table above.
 
     Every sequence starts at rest at a free place drawn uniformly, and has random streams of its own. `on_sequence`
     is called with the number of each finished sequence.
     """
-    env = VehicleEnv(layout, vehicle, views=False)
+    envs = [VehicleEnv(layout, vehicle, views=False) for layout in layouts for _ in range(exploration.num_sequences)]
     sequences = []
-    for sequence in range(exploration.num_sequences):
+    for sequence, env in enumerate(envs):
         rng = generator(exploration.seed, "exploration", sequence)
-        options = {"position": free_position(layout, vehicle, rng)}
+        options = {"position": free_position(env.layout, vehicle, rng)}
         observation, info = env.reset(seed=integer(exploration.seed, "world", sequence), options=options)
         record: dict[str, list[np.ndarray]] = {
             "position": [observation["position"]],

@@ -65,13 +65,14 @@ class DataModule(lightning.LightningDataModule):
     """
 
     def __init__(self, path: Path, exploration: Exploration, batch_size: int, chunk_length: int) -> None:
-        """Read the data set at `path`; its last `num_validation` sequences are kept for validation."""
+        """Read the data set at `path`; each world's last `num_validation` sequences are kept for validation."""
         super().__init__()
         self._data = read(path)
         self._exploration = exploration
         self._batch_size, self._chunk_length = batch_size, chunk_length
-        sequences = np.arange(exploration.num_sequences)
-        self._training, self._validation = np.split(sequences, [-exploration.num_validation])
+        sequences = np.arange(self._data.action.shape[1]).reshape(-1, exploration.num_sequences)  # a row for each world
+        num_training = exploration.num_sequences - exploration.num_validation
+        self._training, self._validation = sequences[:, :num_training].ravel(), sequences[:, num_training:].ravel()
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Batches of the present epoch, in its own order."""
