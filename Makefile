@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 lookups bench test check format clean
+.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups paper bench test check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -30,13 +30,20 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@
 
-exp1: $(READY)  ## Experiment I: explore, train, control, report (SCALE=smoke: at toy size, in about a minute)
+EXPERIMENTS := exp1 exp2 exp3 exp4 exp5
+
+exp1:  ## Experiment I, obstacle avoidance: explore, train, control, report (SCALE=smoke: at toy size, in about a minute)
+exp2:  ## Experiment II, generalization: the models of Experiment I in two other worlds
+exp3:  ## Experiment III, behavioral relevance: obstacles of different looks, and things that mean nothing
+exp4:  ## Experiment IV, uncertainty avoidance: fog
+exp5:  ## Experiment V, disentanglement: four properties in random worlds (takes hours)
+lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
+$(EXPERIMENTS) lookups: $(READY)
 	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
-lookups: $(READY)  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
-	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
-	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
+paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one report of all: runs/paper/report.pdf
+	$(BIN)/affmap-paper $(SETTINGS)
 
 bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 5 minutes)
 	$(VENV)-bench/bin/python -W ignore tests/benchmarks $(ARGS)

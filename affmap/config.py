@@ -9,17 +9,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
 from affmap.control.agent import ControlSettings
 from affmap.data.collect import Exploration
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
+from affmap.env.procedural import Procedural
 from affmap.model.lookup import LookupSettings
 from affmap.model.stack import ModelSettings
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
-from affmap.settings import Settings
+from affmap.report.settings import ReportSettings
+from affmap.settings import Settings, read
 from affmap.store import Stage, Store
 from affmap.training.settings import TrainingSettings
 
@@ -29,16 +31,14 @@ def _layout(name: Any) -> Any:
     return Layout.load("layout", name) if isinstance(name, str) else name
 
 
+def _any_layout(name: Any) -> Any:
+    """The same, fixed or procedural."""
+    if isinstance(name, str) and "properties" in read("layout", name):
+        return Procedural.load("layout", name)
+    return _layout(name)
+
+
 NamedLayout = Annotated[Layout, BeforeValidator(_layout)]
-
-
-class ReportSettings(Settings):
-    """What reports draw (`conf/report`)."""
-
-    map_spacing: PositiveFloat
-    """Distance between the nodes of the affordance maps that are drawn and examined, u."""
-    compare: Literal["lookup_spacing"] | None = Field(exclude=True)
-    """A column of the runs whose values are compared in a table; None for the report of an experiment."""
 
 
 class Config(Settings):
@@ -65,12 +65,14 @@ class Config(Settings):
     """Folder of the reference run's stages."""
     sweep: Mapping[str, str | int]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
+    growth: str | None
+    """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
     world: str
     """Layout (a file of `conf/layout`) of everything that names no other."""
     training_layouts: tuple[NamedLayout, ...] = Field(min_length=1)
     """Where data are collected, in equal parts."""
-    control_layout: NamedLayout
-    """Where agents fly."""
+    control_layout: Annotated[Layout | Procedural, BeforeValidator(_any_layout)]
+    """Where agents fly; a procedural one gives each run a world of its own."""
     map_layout: NamedLayout
     """What affordance maps are painted of for the report."""
     vehicle: Vehicle
@@ -90,7 +92,8 @@ class Config(Settings):
                     f"layout {layout.name!r} has channels {list(layout.channels)}, but training_layouts[0] "
                     f"({self.training_layouts[0].name!r}) has {list(self.channels)}; a model sees the same ones everywhere."
                 )
-        self.control_layout.check_corners(self.vehicle.radius)
+        if isinstance(self.control_layout, Layout):
+            self.control_layout.check_corners(self.vehicle.radius)
         return self
 
     @property
@@ -121,7 +124,9 @@ class Config(Settings):
     @cached_property
     def control_stage(self) -> Stage:
         """Goal-directed runs."""
-        return self._stage("control", *self.train_stage.config, "models", "lookup", "planner", "control", "control_layout")
+        return self._stage(
+            "control", *self.train_stage.config, "models", "lookup", "planner", "control", "control_layout"
+        )
 
     def _stage(self, stage: str, *keys: str) -> Stage:
         return Stage(stage, self.model_dump(mode="json", include=set(keys)))
@@ -133,7 +138,7 @@ class Config(Settings):
 
 def label(config: Config) -> str:
     """What tells a job from the others of its sweep."""
-    return f"context size {config.model.context_size}, {config.planner.kind}, {config.lookup.name}"
+    return f"{config.control_layout.name}, context size {config.model.context_size}, {config.planner.kind}, {config.lookup.name}"
 
 
 def plain(config: Any) -> dict[str, Any]:

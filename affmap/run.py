@@ -1,7 +1,7 @@
 """The Hydra entry, and the commands around it.
 
-`affmap` runs a setting or a sweep, `affmap-report` draws what it has produced, `affmap-publish` keeps that in
-`runs/reference`. All take Hydra overrides, and the same ones.
+`affmap` runs a setting or a sweep, `affmap-report` draws what it has produced, `affmap-paper` puts the reports of all
+experiments together, `affmap-publish` keeps a report in `runs/reference`. All take Hydra overrides, and the same ones.
 """
 
 import json
@@ -9,6 +9,7 @@ import logging
 import shutil
 import sys
 from collections.abc import Callable
+from typing import NamedTuple
 
 import hydra
 from hydra.errors import HydraException
@@ -17,41 +18,70 @@ from omegaconf.errors import OmegaConfBaseException
 
 from affmap import sweep
 from affmap.config import Config, label, plain
-from affmap.report.tables import Job
+from affmap.model.weights import SNAPSHOT, WEIGHTS
+from affmap.report.tables import Job, Results
 from affmap.settings import ConfigError, folder
 from affmap.stages import check_models, find, run, stages
 from affmap.store import PROVENANCE
 
 log = logging.getLogger("affmap")
 
+PAPER = ("exp1", "exp2", "exp3", "exp4", "exp5")
+"""The experiments of the paper."""
+
 _MULTIRUN = ("-m", "--multirun")
 
 
-def _found(configs: list[Config]) -> list[Job]:
-    """Where the stages of all jobs are.
+class Sweep(NamedTuple):
+    """A command line whose sweep is written out, and the jobs that it stands for."""
+
+    overrides: list[str]
+    configs: list[Config]
+
+    @property
+    def first(self) -> Config:
+        """What all jobs agree on, as far as reports are concerned."""
+        return self.configs[0]
+
+    def growth(self) -> "Sweep | None":
+        """The experiment whose growing maps belong to this one, if there is one."""
+        first = self.first
+        return _sweep(sweep.instead(self.overrides, first.growth, first.sweep)) if first.growth else None
+
+
+def _sweep(arguments: list[str]) -> Sweep:
+    overrides = sweep.complete(arguments)
+    return Sweep(overrides, sweep.jobs(overrides))
+
+
+def _results(asked: Sweep) -> tuple[Results, str]:
+    """What is complete of a sweep, and a sentence about what is missing, empty if nothing is.
 
     Raises:
-        ConfigError: some are not complete.
+        ConfigError: some settings are not complete, and no partial report is wanted; or none is complete.
     """
+    growth = asked.growth()
+    configs = [*asked.configs, *(growth.configs if growth else [])]
     found = [find(config) for config in configs]
-    if missing := [label(config) for config, job in zip(configs, found, strict=True) if job is None]:
-        raise ConfigError(
-            f"{len(missing)} of {len(configs)} settings are not complete ({'; '.join(missing)}); "
-            "run `affmap` with the same arguments first."
-        )
-    return [job for job in found if job]
+    missing = [label(config) for config, job in zip(configs, found, strict=True) if job is None]
+    said = f"{len(missing)} of {len(configs)} settings are not complete ({'; '.join(missing)})" if missing else ""
+    jobs = tuple(job for job in found[: len(asked.configs)] if job)
+    if missing and not (asked.first.report.partial and jobs):
+        raise ConfigError(f"{said}; run `affmap` with the same arguments first.")
+    return Results(jobs, found[-1] if growth else None), said
 
 
-def _check_output(configs: list[Config]) -> None:
+def _check_output(asked: Sweep) -> None:
     """A report is never replaced by one of other results.
 
     Raises:
         ConfigError: the output folder holds a report of other stages.
     """
-    output = configs[0].output
+    output, growth = asked.first.output, asked.growth()
+    configs = [*asked.configs, *(growth.configs if growth else [])]
     path = output / PROVENANCE
     digests = {stage.digest for config in configs for stage in stages(config)}
-    if path.is_file() and {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} != digests:
+    if path.is_file() and not {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} <= digests:
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
 
@@ -69,13 +99,12 @@ def _flags() -> list[str]:
     return [argument for argument in sys.argv[1:] if argument.startswith("-") and argument not in _MULTIRUN]
 
 
-def _command(body: Callable[[list[str], list[Config]], None]) -> None:
+def _command(body: Callable[[Sweep], None]) -> None:
     """Read the command line, check every job of it, and run `body`; a mistake in it is told in a sentence."""
     try:
         if flags := _flags():
             raise ConfigError(f"{flags[0]} is not known here; give Hydra overrides, such as experiment=exp1.")
-        overrides = sweep.complete([argument for argument in sys.argv[1:] if argument not in _MULTIRUN])
-        body(overrides, sweep.jobs(overrides))
+        body(_sweep([argument for argument in sys.argv[1:] if argument not in _MULTIRUN]))
     except (ConfigError, HydraException, OmegaConfBaseException) as error:
         print(error, file=sys.stderr)
         sys.exit(2)
@@ -89,51 +118,75 @@ def main() -> None:
     _command(_run_sweep)
 
 
-def _run_sweep(overrides: list[str], configs: list[Config]) -> None:
-    first = configs[0]
-    _check_output(configs)
+def _run_sweep(asked: Sweep) -> None:
+    if growth := asked.growth():
+        _run_sweep(growth)
+    overrides, configs = asked
+    first = asked.first
+    _check_output(asked)
     complete = sum(find(config) is not None for config in configs)
     print(f"{first.name}: {complete} of {len(configs)} settings are complete.", flush=True)
     if complete == len(configs):
         return
     for config in configs:
         check_models(config)
-    arguments = sys.argv[1:]
-    sys.argv[1:] = [*(["-m"] if sweep.is_sweep(overrides) else []), *overrides]
+    given, sys.argv[1:] = sys.argv[1:], [*(["-m"] if sweep.is_sweep(overrides) else []), *overrides]
     _job()
-    print(f"{first.name}: all {len(configs)} settings are complete; affmap-report {' '.join(arguments)} draws them.")
+    sys.argv[1:] = given
+    print(f"{first.name}: all {len(configs)} settings are complete; affmap-report {' '.join(given)} draws them.")
 
 
 def report() -> None:
-    """`affmap-report`: draw the report of a complete sweep."""
+    """`affmap-report`: draw the report of a complete sweep, or of what there is of it (`report.partial=true`)."""
     _command(_report)
 
 
-def _report(overrides: list[str], configs: list[Config]) -> None:
+def _report(asked: Sweep) -> None:
     from affmap.report import comparison, document
 
-    first = configs[0]
-    jobs = _found(configs)
+    first = asked.first
+    results, missing = _results(asked)
+    notice = "; ".join(filter(None, [first.notice, missing and f"PARTIAL: {missing}"])) or None
     if first.report.compare:
-        path = comparison.write(first.output, jobs, first.report.compare, first.notice)
+        path = comparison.write(first.output, results.jobs, first.report.compare, notice)
         print(f"{path.read_text('utf-8')}\nThe table is {path}")
         return
-    if len({(job.context_size, job.planner) for job in jobs}) < len(jobs):
-        raise ConfigError("a report tells settings apart by context size and planner; here others differ, too.")
-    _check_output(configs)
-    command = " ".join(["affmap", *overrides])
-    path = document.write(first.output, jobs, title=first.title, command=command, notice=first.notice)
+    _check_output(asked)
+    command = " ".join(["affmap", *asked.overrides])
+    path = document.write(first.output, results, first.report, title=first.title, command=command, notice=notice)
     print(f"The report is {path}")
 
 
+def paper() -> None:
+    """`affmap-paper`: one report of all five experiments, from their own reports."""
+    _command(_paper)
+
+
+def _paper(asked: Sweep) -> None:
+    from affmap.report import paper
+
+    parts = []
+    for experiment in PAPER:
+        part = _sweep(sweep.instead(asked.overrides, experiment, ("output",)))
+        first = part.first
+        results, missing = _results(part)
+        if not (first.output / "figures").is_dir():
+            raise ConfigError(f"{first.output} holds no report; run `affmap-report experiment={experiment}` first.")
+        parts.append(paper.Part(first.title, results, first.report, first.output, missing))
+    first = asked.first
+    output = first.output.with_name(first.output.name.replace(first.name, "paper"))
+    command = " ".join(["affmap-paper", *asked.overrides])
+    print(f"The report is {paper.write(output, parts, command=command, notice=first.notice)}")
+
+
 def publish() -> None:
-    """`affmap-publish`: keep the report and the models of a complete sweep in `runs/reference`."""
+    """`affmap-publish`: keep the report and the models of a sweep in `runs/reference`."""
     _command(_publish)
 
 
-def _publish(_: list[str], configs: list[Config]) -> None:
-    first = configs[0]
-    jobs = _found(configs)
+def _publish(asked: Sweep) -> None:
+    first = asked.first
+    results, _ = _results(asked)
     if first.notice:
         raise ConfigError(f"this is not a result to keep: {first.notice}.")
     if not (first.output / "tables").is_dir():
@@ -147,11 +200,19 @@ def _publish(_: list[str], configs: list[Config]) -> None:
         shutil.copy(document, new)
     shutil.rmtree(kept, ignore_errors=True)
     new.replace(kept)
-    for trained in {job.train for job in jobs}:
-        target = first.reference / "train" / trained.name
-        if trained == target:  # the models were taken from there
-            continue
-        target.mkdir(parents=True, exist_ok=True)
-        for name in ("weights.safetensors", "validation.csv", PROVENANCE):
-            shutil.copy(trained / name, target)
+    for job in results.jobs:
+        _keep(job, first, [])
+    if results.growth:
+        _keep(results.growth, first, [SNAPSHOT.format(epoch="*")])
     print(f"Kept in {kept} and {first.reference}")
+
+
+def _keep(job: Job, config: Config, also: list[str]) -> None:
+    """Copy what is needed of a training into the reference run's store."""
+    target = config.reference / "train" / job.train.name
+    if job.train == target:  # the models were taken from there
+        return
+    target.mkdir(parents=True, exist_ok=True)
+    for pattern in (WEIGHTS, "validation.csv", PROVENANCE, *also):
+        for path in job.train.glob(pattern):
+            shutil.copy(path, target)

@@ -3,7 +3,10 @@
 Puts the package's parts together; knows no command lines.
 """
 
+import json
 import logging
+from collections.abc import Sequence
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +16,14 @@ from affmap.config import Config, label
 from affmap.control.agent import Agent
 from affmap.control.episodes import control
 from affmap.data.collect import collect, coverage
+from affmap.env.crossing import crossable
+from affmap.env.layout import Layout
 from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup, lookup_error, make_lookup
 from affmap.model.stack import Stack
+from affmap.model.weights import SNAPSHOT, WEIGHTS, restore
 from affmap.progress import track
-from affmap.report.tables import Job
+from affmap.random import generator
+from affmap.report.tables import LAYOUTS, Job
 from affmap.settings import ConfigError
 from affmap.store import Stage, Store
 
@@ -35,7 +42,11 @@ def find(config: Config) -> Job | None:
     store = config.open_store()
     folders = [store.find(stage) for stage in stages(config)]
     complete = [folder for folder in folders if folder]
-    return Job(config.model.context_size, config.planner.kind, *complete) if len(complete) == len(folders) else None
+    return _job(config, *complete) if len(complete) == len(folders) else None
+
+
+def _job(config: Config, *folders: Path) -> Job:
+    return Job(config.model.context_size, config.planner.kind, config.control_layout.name, *folders)
 
 
 def run(config: Config) -> Job:
@@ -48,7 +59,7 @@ def run(config: Config) -> Job:
     painted = store.ensure(config.map_stage, lambda folder: _paint(config, train, folder))
     controlled = store.ensure(config.control_stage, lambda folder: _control(config, train, folder))
     log.info("%s: complete", label(config))
-    return Job(config.model.context_size, config.planner.kind, data, train, painted, controlled)
+    return _job(config, data, train, painted, controlled)
 
 
 def check_models(config: Config) -> None:
@@ -89,27 +100,36 @@ def _train(config: Config, data: Path, folder: Path) -> None:
 
 
 def _paint(config: Config, train: Path, folder: Path) -> None:
-    world, spacing = config.map_layout.map, config.report.map_spacing
-    codes = AffordanceMap.paint(_trained(config, train), world, spacing).codes
-    rows, columns = codes.shape[1:3]
+    snapshots = sorted(train.glob(SNAPSHOT.format(epoch="*"))) if config.report.snapshots else []
+    codes = _codes(config, _trained(config, train))
+    _, rows, columns, _ = codes.shape
+    width, height = config.map_layout.size
     np.savez_compressed(
         folder / "maps.npz",
         allow_pickle=False,
-        codes=codes.numpy(),
-        initial_codes=AffordanceMap.paint(_stack(config), world, spacing).codes.numpy(),
-        x=np.linspace(0, world.size[0], columns),
-        y=np.linspace(0, world.size[1], rows),
+        codes=codes,
+        initial_codes=_codes(config, _stack(config)),
+        snapshot_codes=np.array([_codes(config, restore(_stack(config), path)) for path in snapshots]),
+        epochs=np.array([int(path.stem.rpartition("-")[2]) for path in snapshots], int),
+        x=np.linspace(0, width, columns),
+        y=np.linspace(0, height, rows),
         member=np.array(config.seeds),
     )
 
 
+def _codes(config: Config, stack: Stack) -> np.ndarray:
+    """The codes of all members at the nodes of the map's world, `[M, Y, X, C]`."""
+    return AffordanceMap.paint(stack, [config.map_layout.map], config.report.map_spacing).codes.numpy()
+
+
 def _control(config: Config, train: Path, folder: Path) -> None:
     stack = _trained(config, train).to(config.control.device)
-    lookup = make_lookup(config.lookup, stack, config.control_layout.map)
+    layouts = _layouts(config)
+    lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
     agent = Agent(stack, lookup, config.planner, config.control)
     num_runs = config.members * config.control.runs_per_member
     with track(f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps") as update:
-        runs = control(agent, config.control_layout, config.vehicle, config.control, update)
+        runs = control(agent, layouts, config.vehicle, config.control, update)
     setting: dict[str, str | int | float] = {
         "layout": config.control_layout.name,
         "planner": config.planner.kind,
@@ -118,16 +138,31 @@ def _control(config: Config, train: Path, folder: Path) -> None:
     }
     for place, (key, value) in enumerate(setting.items()):
         runs.table.insert(place, key, value)
-    runs.table["lookup_error"] = _lookup_error(config, stack, lookup, runs.trajectories["position"])
+    flown = layouts * num_runs if len(layouts) == 1 else layouts
+    starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
+    runs.table["crossable"] = [crossable(*run) for run in zip(flown, repeat(config.vehicle), starts, goals)]
+    runs.table["lookup_error"] = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
     runs.table.to_csv(folder / "runs.csv", index=False, float_format="%.6f")
     np.savez_compressed(folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
+    (folder / LAYOUTS).write_text(json.dumps([layout.model_dump(mode="json") for layout in flown]), "utf-8")
 
 
-def _lookup_error(config: Config, stack: Stack, lookup: Lookup, positions: np.ndarray) -> np.ndarray:
+def _layouts(config: Config) -> list[Layout]:
+    """The world that all agents fly in, or the worlds of each (member-major), which all settings share."""
+    layout = config.control_layout
+    if isinstance(layout, Layout):
+        return [layout]
+    runs = range(config.control.runs_per_member)
+    return [layout.draw(generator(seed, "world", run)) for seed in config.seeds for run in runs]
+
+
+def _lookup_error(
+    config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout], positions: np.ndarray
+) -> np.ndarray:
     """Mean error of context codes along paths `[B, T + 1, 2]` (u): `[B]`."""
     if config.lookup.spacing == 0 or stack.context_size == 0:
         return np.zeros(len(positions))
-    exact = ExactLookup(stack, config.control_layout.map)
+    exact = ExactLookup(stack, [layout.map for layout in layouts])
     visited = torch.from_numpy(positions).to(config.control.device).unflatten(0, (config.members, -1))
     errors = [lookup_error(lookup, exact, now) for now in visited.unbind(2)]  # a step at a time bounds the memory
     return torch.stack(errors).mean(0).flatten().cpu().numpy()
@@ -138,6 +173,4 @@ def _stack(config: Config) -> Stack:
 
 
 def _trained(config: Config, train: Path) -> Stack:
-    from affmap.training.fit import WEIGHTS, restore
-
     return restore(_stack(config), train / WEIGHTS)

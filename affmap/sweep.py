@@ -4,7 +4,7 @@ An experiment names its sweep under `sweep`; a key that the command line sets is
 only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from hydra import compose, initialize_config_dir
@@ -32,6 +32,12 @@ def complete(overrides: Sequence[str]) -> list[str]:
     # In the experiment's order, so that jobs that share a model are not started at the same time.
     swept = [given.get(key, f"{key}={values}") for key, values in sweep.items()]
     return [line for key, line in given.items() if key not in sweep] + swept
+
+
+def instead(overrides: Sequence[str], experiment: str, dropped: Collection[str]) -> list[str]:
+    """The same command line for another experiment, without the keys in `dropped`."""
+    kept = [each for each in _parse(overrides) if each.key_or_group not in {"experiment", *dropped}]
+    return [*(str(override.input_line) for override in kept), f"experiment={experiment}"]
 
 
 def is_sweep(overrides: Sequence[str]) -> bool:

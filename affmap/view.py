@@ -3,6 +3,7 @@
 It works on NumPy arrays and on torch tensors alike, and knows neither physics nor models.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from array_api_compat import array_namespace
@@ -56,3 +57,11 @@ def view(world: Map, positions: Any) -> Any:
         channels[channel] = channels[channel] | ((x - center_x) ** 2 <= radius**2 - (y - center_y) ** 2)
     picture = xp.stack(channels)  # [K, 11, 11, ...]
     return xp.permute_dims(picture, (*range(3, picture.ndim), 0, 1, 2))
+
+
+def views(worlds: Sequence[Map], positions: Any) -> Any:
+    """Views in several worlds: B maps and `positions` `[B, ..., 2]`, or a single map for all: `[B, ..., K, 11, 11]`."""
+    if len(worlds) == 1:
+        return view(worlds[0], positions)
+    xp = array_namespace(positions)
+    return xp.stack([view(world, of_world) for world, of_world in zip(worlds, positions, strict=True)])

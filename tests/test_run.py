@@ -21,7 +21,7 @@ from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import Stack
 from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
 from affmap.settings import ConfigError
-from affmap.training.fit import restore
+from affmap.model.weights import restore
 
 COMMAND = Path(sys.executable).parent / "affmap"
 TINY = [
@@ -283,8 +283,8 @@ def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
     whole = restore(Stack(config.model, 1, config.seeds), job.train / "weights.safetensors")
     with np.load(job.control / "trajectories.npz") as arrays:
         positions = torch.from_numpy(arrays["position"])
-    painted = AffordanceMap.paint(whole, config.layout.map, config.lookup.spacing)
-    exact = ExactLookup(whole, config.layout.map)
+    painted = AffordanceMap.paint(whole, [config.control_layout.map], config.lookup.spacing)
+    exact = ExactLookup(whole, [config.control_layout.map])
     for b, error in enumerate(table["lookup_error"]):
         member = config.seeds.index(table["member"][b])
         path = positions[b].expand(config.members, -1, -1)

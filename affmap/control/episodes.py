@@ -16,6 +16,7 @@ from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
+from affmap.view import views
 
 
 class Runs(NamedTuple):
@@ -31,25 +32,27 @@ class Runs(NamedTuple):
 
 def control(
     agent: Agent,
-    layout: Layout,
+    layouts: Sequence[Layout],
     vehicle: Vehicle,
     settings: ControlSettings,
     on_step: Callable[[int], None] = lambda step: None,
 ) -> Runs:
-    """Let every member of `agent` fly all its runs.
+    """Let every member of `agent` fly all its runs, in one world or, with B `layouts` (member-major), each in its own.
 
     Start, goal and everything random in a run depend on the member and the number of the run only, so that planners,
     look-ups and context sizes are compared on the same starts and goals. `on_step` is called with the steps done.
     """
     pairs = [(seed, run) for seed in agent.seeds for run in range(settings.runs_per_member)]
-    envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for _ in pairs]
+    flown = [layouts[0]] * len(pairs) if len(layouts) == 1 else layouts
+    worlds = [layout.map for layout in layouts]
+    envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for layout in flown]
     generators = [generator(seed, "planner", run) for seed, run in pairs]
     starts = [
         env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})
         for env, (seed, run) in zip(envs, pairs, strict=True)
     ]
     positions = [np.stack([info["position"] for _, info in starts])]
-    observation = _batch([start for start, _ in starts], envs[0].probe(positions[-1]), settings.device)
+    observation = _batch([start for start, _ in starts], views(worlds, positions[-1]), settings.device)
     record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     state = agent.initial(len(pairs))
     for step in range(settings.num_steps):
@@ -57,7 +60,7 @@ def control(
         results = [env.step(action) for env, action in zip(envs, decision.action.cpu().numpy(), strict=True)]
         infos = [result[4] for result in results]
         positions.append(np.stack([info["position"] for info in infos]))
-        observation = _batch([result[0] for result in results], envs[0].probe(positions[-1]), settings.device)
+        observation = _batch([result[0] for result in results], views(worlds, positions[-1]), settings.device)
         _note(record, decision, observation, infos)
         on_step(step + 1)
     trajectories = {key: np.stack(parts, axis=1) for key, parts in record.items()}
@@ -83,9 +86,9 @@ def _note(
         record[key].append(np.array([info[key] for info in infos]))
 
 
-def _batch(observations: Sequence[dict[str, np.ndarray]], views: np.ndarray, device: str) -> Observation:
+def _batch(observations: Sequence[dict[str, np.ndarray]], seen: np.ndarray, device: str) -> Observation:
     """Observations of B environments, and their views, as tensors."""
-    arrays = {key: np.stack([o[key] for o in observations]) for key in observations[0]} | {"view": views}
+    arrays = {key: np.stack([o[key] for o in observations]) for key in observations[0]} | {"view": seen}
     parts = {key: torch.from_numpy(array).to(device) for key, array in arrays.items()}
     return Observation(parts["position"], parts["delta"], parts["view"], parts["goal"])
 
@@ -95,11 +98,15 @@ def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
 
     Columns: member, run; start_x, start_y, goal_x, goal_y (u); prediction_error (nats, mean over steps of the negative
     log-likelihood of the change of position); mean_distance (u, between true position and goal, mean over the steps'
-    ends); reached; steps_to_reach (empty where not reached); steps_touching; steps_in_fog.
+    ends); reached; steps_to_reach (empty where not reached); success (reached, and never in fog; Experiment IV);
+    steps_touching; steps_in_fog; final_spread (u, largest distance of the positions of the last quarter from their
+    mean: less than the vehicle's size where it is stuck).
     """
     position, goal, reached = trajectories["position"], trajectories["goal"], trajectories["reached"]
     distance = np.linalg.norm(position[:, 1:] - goal[:, None], axis=-1)
     ever = np.asarray(reached.any(axis=1))
+    steps_in_fog = trajectories["in_fog"].sum(axis=1)
+    end = position[:, position.shape[1] * 3 // 4 :]
     return pd.DataFrame(
         {
             "member": trajectories["member"],
@@ -112,7 +119,9 @@ def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
             "mean_distance": distance.mean(axis=1),
             "reached": ever,
             "steps_to_reach": pd.Series(np.where(ever, reached.argmax(axis=1) + 1, 0)).where(ever).astype("Int64"),
+            "success": ever & (steps_in_fog == 0),
             "steps_touching": trajectories["touching"].sum(axis=1),
-            "steps_in_fog": trajectories["in_fog"].sum(axis=1),
+            "steps_in_fog": steps_in_fog,
+            "final_spread": np.linalg.norm(end - end.mean(axis=1, keepdims=True), axis=-1).max(axis=1),
         }
     )

@@ -1,10 +1,12 @@
 """Position -> context code: the look-up map of the paper, exact or painted beforehand as an affordance map.
 
-Positions outside the arena are looked up at the nearest point inside it. Knows a stack and a map of the world;
-knows nothing of motion, planners or goals.
+Positions outside the arena are looked up at the nearest point inside it. All agents share one world, or each has its
+own: then the worlds are in the order of the problems, member-major. Knows a stack and maps of worlds; knows nothing of
+motion, planners or goals.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Protocol, Self
 
 import torch
@@ -16,7 +18,7 @@ from affmap.model.codes import ViewCodes
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
 from affmap.settings import Settings
-from affmap.view import Map, view
+from affmap.view import Map, view, views
 
 
 class LookupSettings(Settings):
@@ -48,11 +50,16 @@ class Lookup(Protocol):
         ...
 
 
-def make_lookup(settings: LookupSettings, stack: Stack, world: Map) -> "ExactLookup | AffordanceMap":
-    """The look-up that `settings` describe, for `stack` in `world`."""
+def make_lookup(settings: LookupSettings, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup | AffordanceMap":
+    """The look-up that `settings` describe, for `stack` in one world or in B, one for each problem."""
     if settings.spacing == 0:
-        return ExactLookup(stack, world)
-    return AffordanceMap.paint(stack, world, settings.spacing, settings.differentiable)
+        return ExactLookup(stack, worlds)
+    return AffordanceMap.paint(stack, worlds, settings.spacing, settings.differentiable)
+
+
+def by_world(positions: Tensor, num_worlds: int) -> Tensor:
+    """Positions `[M, ..., 2]` of M members with the same number of worlds each: `[num_worlds, P, 2]`."""
+    return positions.reshape(num_worlds, -1, 2)
 
 
 def inside(positions: Tensor, size: Tensor) -> Tensor:
@@ -63,13 +70,17 @@ def inside(positions: Tensor, size: Tensor) -> Tensor:
 class ExactLookup:
     """Cuts out the view at each position and takes the vision model's code of it."""
 
-    def __init__(self, stack: Stack, world: Map) -> None:
-        """Look up codes of `stack` in `world`."""
-        self._codes, self._world = ViewCodes(stack), world
+    def __init__(self, stack: Stack, worlds: Sequence[Map]) -> None:
+        """Look up codes of `stack` in one world, or in B, one for each problem."""
+        self._codes, self._worlds = ViewCodes(stack), worlds
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
-        return self._codes(view(self._world, inside(positions, positions.new_tensor(self._world.size))))
+        places = inside(positions, positions.new_tensor(self._worlds[0].size))
+        if len(self._worlds) > 1:
+            places = by_world(places, len(self._worlds))
+        seen = views(self._worlds, places)
+        return self._codes(seen.view(*positions.shape[:-1], *seen.shape[-3:]))
 
 
 def lookup_error(lookup: Lookup, exact: ExactLookup, positions: Tensor) -> Tensor:
@@ -81,37 +92,59 @@ class AffordanceMap:
     """Context codes on a fine grid over the arena, interpolated bilinearly.
 
     Attributes:
-        codes: `[M, Y, X, C]`, codes at the nodes; row 0 is y = 0, column 0 is x = 0.
-        world: the map of the world that it was painted for.
+        codes: `[M * W, Y, X, C]`, codes at the nodes in W worlds a member; row 0 is y = 0, column 0 is x = 0.
+        worlds: the maps of the worlds that it was painted for: one, shared by all (W is 1), or M * W.
     """
 
-    def __init__(self, codes: Tensor, world: Map, differentiable: bool = False) -> None:
-        """Take codes `[M, Y, X, C]` whose outermost nodes lie on the borders of the arena."""
-        self.codes, self.world = codes, world
+    def __init__(self, codes: Tensor, worlds: Sequence[Map], differentiable: bool = False) -> None:
+        """Take codes `[M * W, Y, X, C]` whose outermost nodes lie on the borders of the arena."""
+        self.codes, self.worlds = codes, worlds
         self._differentiable = differentiable
         self._picture = codes.permute(0, 3, 1, 2)
-        self._scale = 2 / codes.new_tensor(world.size)
+        self._scale = 2 / codes.new_tensor(worlds[0].size)
         self._lower = codes.new_tensor(-1.0)
 
     @classmethod
-    @torch.no_grad()
-    def paint(cls, stack: Stack, world: Map, spacing: float, differentiable: bool = False) -> "AffordanceMap":
-        """Compute the codes of all members at nodes at most `spacing` (u) apart, by exact look-ups."""
-        # As many equal parts as it takes, whatever rounding made of a quotient that should be a whole number.
-        parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in world.size]
-        x, y = (torch.linspace(0, length, num + 1) for length, num in zip(world.size, parts, strict=True))
-        device = next(stack.parameters()).device
-        rows = []
-        for row in y:  # a row at a time bounds the memory
-            positions = torch.stack([x, row.expand_as(x)], dim=-1).to(device)
-            rows.append(stack.encode(take_apart(view(world, positions)[None])))
-        return cls(torch.stack(rows, dim=1), world, differentiable)
+    def paint(
+        cls, stack: Stack, worlds: Sequence[Map], spacing: float, differentiable: bool = False
+    ) -> "AffordanceMap":
+        """Compute codes at nodes at most `spacing` (u) apart, by exact look-ups.
+
+        Args:
+            stack: M members.
+            worlds: one world, painted for all members; or M * W, the worlds of each member's agents, member-major.
+            spacing: largest distance between neighbouring nodes, u.
+            differentiable: whether gradients are to flow through the map to the position.
+        """
+        if len(worlds) == 1:
+            return cls(_codes_at_nodes(stack, worlds[0], spacing), worlds, differentiable)
+        num_members = len(stack.seeds)
+        members = [stack.select([number * num_members // len(worlds)]) for number in range(len(worlds))]
+        painted = [_codes_at_nodes(member, world, spacing) for member, world in zip(members, worlds, strict=True)]
+        return cls(torch.cat(painted), worlds, differentiable)
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         if not self._differentiable:
             positions = positions.detach()
+        flat = positions.flatten(1, -2)
+        if len(self.codes) > len(flat):
+            flat = by_world(flat, len(self.codes))
         # The arena becomes the square from -1 to 1.
-        grid = torch.addcmul(self._lower, positions.flatten(1, -2), self._scale)[:, None]  # [M, 1, P, 2]
-        codes = grid_sample(self._picture, grid, padding_mode="border", align_corners=True)  # [M, C, 1, P]
-        return codes[:, :, 0].mT.unflatten(1, positions.shape[1:-1])
+        grid = torch.addcmul(self._lower, flat, self._scale)[:, None]  # [M * W, 1, P, 2]
+        codes = grid_sample(self._picture, grid, padding_mode="border", align_corners=True)  # [M * W, C, 1, P]
+        return codes[:, :, 0].mT.reshape(*positions.shape[:-1], codes.shape[1])
+
+
+_NODES_AT_ONCE = 2**14  # more would take much memory where members are many
+
+
+@torch.no_grad()
+def _codes_at_nodes(stack: Stack, world: Map, spacing: float) -> Tensor:
+    """Codes of all members at the nodes of a grid over a world, `[M, Y, X, C]`."""
+    # As many equal parts as it takes, whatever rounding made of a quotient that should be a whole number.
+    parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in world.size]
+    x, y = (torch.linspace(0, length, num + 1) for length, num in zip(world.size, parts, strict=True))
+    nodes = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).to(next(stack.parameters()).device)  # [Y, X, 2]
+    rows = nodes.split(max(1, _NODES_AT_ONCE // len(x)))
+    return torch.cat([stack.encode(take_apart(view(world, some)[None])) for some in rows], dim=1)

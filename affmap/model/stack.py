@@ -43,6 +43,12 @@ class Stack(nn.Module):
         """C, length of the context code."""
         return self.settings.context_size
 
+    def select(self, members: Sequence[int]) -> "Stack":
+        """A stack of some of the members, by their places in this one."""
+        chosen = Stack(self.settings, self.num_channels, [self.seeds[member] for member in members])
+        chosen.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
+        return chosen.to(next(self.parameters()).device)
+
     def encode(self, windows: Windows) -> Tensor:
         """Context codes of views `[M or 1, ...]` (see `VisionModel.encode`): `[M, ..., C]`."""
         if self.vision is None:

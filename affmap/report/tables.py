@@ -6,9 +6,9 @@ constants included).
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 
 PLANNERS = {"cem": "EB", "gradient": "GB"}
 """The paper's short names: evolutionary-based and gradient-based active inference."""
+
+LAYOUTS = "layouts.json"
+"""File of a control stage: the layout of each run."""
 
 STAGES = ("data", "train", "map", "control")
 
@@ -36,8 +39,11 @@ RUN_COLUMNS = [
     "mean_distance",
     "reached",
     "steps_to_reach",
+    "success",
     "steps_touching",
     "steps_in_fog",
+    "final_spread",
+    "crossable",
     "lookup_error",
 ]
 VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
@@ -53,6 +59,8 @@ class Job:
     context_size: int
     planner: str
     """`cem` (evolutionary, EB) or `gradient` (GB)."""
+    layout: str
+    """Name of the layout that was flown in."""
     data: Path
     train: Path
     map: Path
@@ -75,7 +83,7 @@ class Circle(NamedTuple):
 
 @dataclass(frozen=True)
 class World:
-    """The layout that the vehicle flies in; lengths in u, the lower left corner is the origin."""
+    """A layout; lengths in u, the lower left corner is the origin."""
 
     name: str
     size: tuple[float, float]
@@ -93,12 +101,16 @@ class World:
 
 
 class Maps(NamedTuple):
-    """Affordance maps of all members of one context size."""
+    """Affordance maps of all members of one training."""
 
     codes: Floats
     """`[M, Y, X, C]` context codes at the nodes."""
     initial_codes: Floats
     """`[M, Y, X, C]`, the same before training."""
+    snapshot_codes: Floats
+    """`[E, M, Y, X, C]`, the same after E epochs of the training, the last one included; E is 0 where none was kept."""
+    epochs: NDArray[np.integer]
+    """`[E]`, numbers of those epochs."""
     x: Floats
     """`[X]` in u."""
     y: Floats
@@ -112,20 +124,25 @@ class Maps(NamedTuple):
         return self._replace(codes=self.initial_codes)
 
     @property
+    def snapshots(self) -> "dict[int, Maps]":
+        """Epoch -> the maps of the same members after it."""
+        return {int(e): self._replace(codes=codes) for e, codes in zip(self.epochs, self.snapshot_codes, strict=True)}
+
+    @property
     def nodes(self) -> Floats:
         """`[Y, X, 2]` positions of the nodes, u."""
         return np.stack(np.meshgrid(self.x, self.y), axis=-1)
 
 
 class Exploration(NamedTuple):
-    """Where the data set has been."""
+    """Where the data set has been, in each of W training worlds."""
 
     counts: NDArray[np.integer]
-    """`[Y, X]` recorded steps in each cell of 0.1 u."""
+    """`[W, Y, X]` recorded steps in each cell of 0.1 u."""
     free: NDArray[np.bool_]
-    """`[Y, X]`: can the vehicle's centre be at the cell's centre?"""
-    coverage: float
-    """Share of the free cells that were visited."""
+    """`[W, Y, X]`: can the vehicle's centre be at the cell's centre?"""
+    coverage: Floats
+    """`[W]`, share of the free cells that were visited."""
 
 
 class Trajectories(NamedTuple):
@@ -139,6 +156,10 @@ class Trajectories(NamedTuple):
     """`[B, T, H, 2]` mean of the predicted positions at each step."""
     planned_std: Floats
     """`[B, T, H, 2]` standard deviation of the predicted positions (accumulated over the horizon)."""
+    in_fog: NDArray[np.bool_]
+    """`[B, T]`: did the vehicle overlap fog at the end of the step?"""
+    reached: NDArray[np.bool_]
+    """`[B, T]`: was it at the goal then?"""
     member: NDArray[np.integer]
     """`[B]`."""
     run: NDArray[np.integer]
@@ -150,13 +171,15 @@ class Results:
     """Everything the report is made of; each stage folder is read once, when it is first asked for."""
 
     jobs: tuple[Job, ...]
+    growth: Job | None = None
+    """A longer training whose maps were kept after several epochs, where the experiment has one."""
 
     def __post_init__(self) -> None:
-        settings = [(job.context_size, job.planner) for job in self.jobs]
+        settings = [(job.context_size, job.planner, job.layout) for job in self.jobs]
         if not settings:
             raise ValueError("a report needs at least one job; no completed control stage was given")
         if len(set(settings)) < len(settings):
-            raise ValueError(f"each (context_size, planner) may occur once in a report, got {settings}")
+            raise ValueError(f"each (context_size, planner, layout) may occur once in a report, got {settings}")
 
     @property
     def context_sizes(self) -> list[int]:
@@ -168,66 +191,99 @@ class Results:
         """The planners that were run, in the order of `PLANNERS`."""
         return [planner for planner in PLANNERS if any(job.planner == planner for job in self.jobs)]
 
-    def job(self, context_size: int, planner: str | None = None) -> Job | None:
-        """The job of a setting (of any planner where none is given), or None where it was not run."""
-        matches = (job for job in self.jobs if job.context_size == context_size and planner in (None, job.planner))
-        return next(matches, None)
+    @property
+    def layouts(self) -> list[str]:
+        """The layouts that were flown in, in the order of the jobs."""
+        return list(dict.fromkeys(job.layout for job in self.jobs))
+
+    def job(self, context_size: int, planner: str | None = None, layout: str | None = None) -> Job | None:
+        """The first job of a setting (of any planner or layout where none is given), or None where it was not run."""
+        return next(
+            (
+                job
+                for job in self.jobs
+                if job.context_size == context_size and planner in (None, job.planner) and layout in (None, job.layout)
+            ),
+            None,
+        )
 
     @cached_property
     def runs(self) -> pd.DataFrame:
         """One row per run of control, columns `RUN_COLUMNS`."""
         table = pd.concat([read_runs(job) for job in self.jobs])
-        return table.sort_values(["context_size", "planner", "member", "run"], ignore_index=True)
+        return table.sort_values(["context_size", "planner", "layout", "member", "run"], ignore_index=True)
 
     @cached_property
     def validation(self) -> pd.DataFrame:
-        """One row per context size, member and epoch: `context_size`, then `VALIDATION_COLUMNS`."""
-        folders = {job.train: job.context_size for job in self.jobs}
+        """One row per training, member and epoch: `layout`, `context_size`, then `VALIDATION_COLUMNS`.
+
+        `layout` is the first one flown in with the models of that training.
+        """
+        folders: dict[Path, Job] = {}
+        for job in self.jobs:
+            folders.setdefault(job.train, job)
         tables = []
-        for folder, context_size in folders.items():
+        for folder, job in folders.items():
             table = _read_table(folder / "validation.csv", VALIDATION_COLUMNS)
-            table.insert(0, "context_size", context_size)
-            tables.append(table)
-        return pd.concat(tables).sort_values(["context_size", "member", "epoch"], ignore_index=True)
+            tables.append(table.assign(layout=job.layout, context_size=job.context_size))
+        columns = ["layout", "context_size", *VALIDATION_COLUMNS]
+        return pd.concat(tables)[columns].sort_values(["layout", "context_size", "member", "epoch"], ignore_index=True)
 
     @cached_property
     def last_epoch(self) -> pd.DataFrame:
-        """`validation` at the last epoch of each context size, whose weights control uses."""
-        last = self.validation.groupby("context_size")["epoch"].transform("max")
+        """`validation` at the last epoch of each training, whose weights control uses."""
+        last = self.validation.groupby(["layout", "context_size"])["epoch"].transform("max")
         return self.validation[self.validation["epoch"] == last].reset_index(drop=True)
 
+    def maps(self, layout: str | None = None) -> dict[int, Maps]:
+        """Context size (above 0: there is no map without a code) -> affordance maps of the jobs of a layout.
+
+        Without a layout: of all jobs' first one.
+        """
+        folders = {
+            size: job.map for size in self.context_sizes if size > 0 and (job := self.job(size, layout=layout)) is not None
+        }
+        return {size: self._read_maps(folder) for size, folder in folders.items()}
+
+    @property
+    def growth_maps(self) -> Maps | None:
+        """The maps of the longer training, with their snapshots."""
+        return self._read_maps(self.growth.map) if self.growth else None
+
     @cached_property
-    def maps(self) -> dict[int, Maps]:
-        """Context size (above 0: there is no map without a code) -> affordance maps."""
-        folders = {job.context_size: job.map for job in self.jobs if job.context_size > 0}
-        return {size: _read_arrays(Maps, folders[size] / "maps.npz") for size in sorted(folders)}
+    def _read_maps(self) -> Callable[[Path], Maps]:
+        return cache(lambda folder: _read_arrays(Maps, folder / "maps.npz"))
 
     @cached_property
     def exploration(self) -> Exploration:
-        """Where the data set of the first job has been; the sweep shares one data set."""
+        """Where the data set of the first job has been."""
         return _read_arrays(Exploration, self.jobs[0].data / "coverage.npz")
 
-    @cached_property
-    def world(self) -> World:
-        """The world that all jobs were controlled in."""
-        configs = [self.provenance[job.map]["config"] for job in self.jobs]
-        layout = configs[0]["layout"]
-        for config in configs[1:]:
-            if config["layout"] != layout:
-                raise ValueError(
-                    f"a report is about one layout, got {layout['name']!r} and {config['layout']['name']!r}"
-                )
-        return _world(layout, configs[0]["vehicle"])
+    def map_world(self, job: Job) -> World:
+        """The world whose maps a job has painted."""
+        config = self.provenance[job.map]["config"]
+        return _world(config["map_layout"], config["vehicle"])
 
-    def trajectories(self, context_size: int, planner: str) -> Trajectories | None:
-        """What control recorded in one setting, or None where it was not run."""
-        job = self.job(context_size, planner)
-        return None if job is None else _read_arrays(Trajectories, job.control / "trajectories.npz")
+    def training_worlds(self, job: Job) -> list[World]:
+        """The worlds that a job's data come from."""
+        config = self.provenance[job.data]["config"]
+        return [_world(layout, config["vehicle"]) for layout in config["training_layouts"]]
+
+    def worlds(self, job: Job) -> list[World]:
+        """The world of each of a job's B runs."""
+        config = self.provenance[job.control]["config"]
+        layouts = json.loads((job.control / LAYOUTS).read_text("utf-8"))
+        return [_world(layout, config["vehicle"]) for layout in layouts]
+
+    def trajectories(self, job: Job) -> Trajectories:
+        """What control recorded in one setting."""
+        return _read_arrays(Trajectories, job.control / "trajectories.npz")
 
     @cached_property
     def provenance(self) -> dict[Path, dict[str, Any]]:
         """Stage folder -> what it says about its origin; in the order of the stages."""
-        folders = dict.fromkeys(getattr(job, stage) for stage in STAGES for job in self.jobs)
+        jobs = [*self.jobs, *([self.growth] if self.growth else [])]
+        folders = dict.fromkeys(getattr(job, stage) for stage in STAGES for job in jobs)
         return {folder: json.loads((folder / "provenance.json").read_text("utf-8")) for folder in folders}
 
 

@@ -12,14 +12,13 @@ from pathlib import Path
 import lightning
 import pandas as pd
 from lightning.pytorch.callbacks import Checkpoint
-from safetensors.torch import load_file, save_file
 
 from affmap.data.module import DataModule
 from affmap.model.stack import Stack
+from affmap.model.weights import SNAPSHOT, WEIGHTS, save
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 
-WEIGHTS = "weights.safetensors"
 VALIDATION = "validation.csv"
 
 
@@ -36,7 +35,7 @@ class _Epochs(Checkpoint):
         epoch = trainer.current_epoch + 1
         if epoch in self._snapshots:
             assert isinstance(pl_module, TrainingModule)
-            save(pl_module.stack, self._checkpoint.with_name(f"weights-epoch-{epoch:03d}.safetensors"))
+            save(pl_module.stack, self._checkpoint.with_name(SNAPSHOT.format(epoch=f"{epoch:03d}")))
         partial = self._checkpoint.with_suffix(".partial")
         trainer.save_checkpoint(partial)
         os.replace(partial, self._checkpoint)  # a kill at any moment leaves a whole one
@@ -88,14 +87,3 @@ def losses(module: TrainingModule) -> pd.DataFrame:
         for epoch in range(module.settings.num_epochs)
     ]
     return pd.DataFrame(rows, columns=["member", "epoch", "training_nll", "validation_nll"])
-
-
-def save(stack: Stack, path: Path) -> None:
-    """Write the weights of a stack, `[M, ...]` each."""
-    save_file({name: tensor.detach().cpu().contiguous() for name, tensor in stack.state_dict().items()}, path)
-
-
-def restore(stack: Stack, path: Path) -> Stack:
-    """Give a stack the weights at `path`; safetensors, so that reading a stranger's file executes nothing."""
-    stack.load_state_dict(load_file(path))
-    return stack.eval()

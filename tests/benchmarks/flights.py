@@ -40,7 +40,7 @@ class PlainBatch(NamedTuple):
 @cache
 def explored() -> dict[str, np.ndarray]:
     """A small data set."""
-    return collect(Layout.load("layout", "original"), Vehicle.load("vehicle", "default"), EXPLORATION)
+    return collect([Layout.load("layout", "original")], Vehicle.load("vehicle", "default"), EXPLORATION)
 
 
 def coloured(channels: int) -> Layout:

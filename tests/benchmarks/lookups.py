@@ -24,13 +24,13 @@ def results(rounds: int) -> list[Result]:
     """Looking up, and painting a map beforehand."""
     stack = make_stack(MEMBERS)
     positions = draw(0)
-    painted, known = AffordanceMap.paint(stack, WORLD, 0.02), ExactLookup(stack, WORLD)
+    painted, known = AffordanceMap.paint(stack, [WORLD], 0.02), ExactLookup(stack, [WORLD])
     plain = [PlainModel(stack, member).vision for member in range(MEMBERS)]
     check(known, plain, positions)
     contenders = [
         Contender("affordance map", lambda: painted(positions), MEMBERS * POSITIONS),
         Contender("exact, views known", lambda: known(positions), MEMBERS * POSITIONS),
-        Contender("exact, views new", lambda: ExactLookup(stack, WORLD)(positions), MEMBERS * POSITIONS),
+        Contender("exact, views new", lambda: ExactLookup(stack, [WORLD])(positions), MEMBERS * POSITIONS),
         Contender("plain PyTorch", lambda: plain_lookup(plain, positions), MEMBERS * POSITIONS),
     ]
     found = compare(f"look-up, {MEMBERS} x {POSITIONS} positions", "position", contenders, rounds=rounds)
@@ -43,9 +43,9 @@ def paint(spacing: float, rounds: int) -> list[Result]:
     """An affordance map of nodes so far apart (u)."""
     stack = make_stack(MEMBERS)
     plain = PlainModel(stack).vision
-    rows = nodes(AffordanceMap.paint(stack, WORLD, spacing))
+    rows = nodes(AffordanceMap.paint(stack, [WORLD], spacing))
     contenders = [
-        Contender(f"stack of {MEMBERS}", lambda: AffordanceMap.paint(stack, WORLD, spacing), MEMBERS),
+        Contender(f"stack of {MEMBERS}", lambda: AffordanceMap.paint(stack, [WORLD], spacing), MEMBERS),
         Contender("plain PyTorch", lambda: plain_paint(plain, rows), 1),
     ]
     return compare(f"painting a map, {spacing:g} u", "member and world", contenders, rounds=rounds)
@@ -56,7 +56,7 @@ def maps() -> pd.DataFrame:
     stack = make_stack(1)
     rows = []
     for spacing in SPACINGS:
-        codes = AffordanceMap.paint(stack, WORLD, spacing).codes
+        codes = AffordanceMap.paint(stack, [WORLD], spacing).codes
         rows.append((spacing, codes[0, ..., 0].numel(), codes.nbytes / 2**20))
     return pd.DataFrame(rows, columns=["spacing", "nodes", "mebibytes"])
 

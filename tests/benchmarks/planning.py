@@ -27,7 +27,7 @@ from affmap.planning.planner import Objective
 from affmap.random import generator, integer
 from affmap.settings import folder
 from affmap.store import Store
-from affmap.training.fit import WEIGHTS, restore
+from affmap.model.weights import WEIGHTS, restore
 
 UNIT = "agent and step"
 
@@ -61,7 +61,7 @@ class Agents:
         stack.load_state_dict({name: weights[own] for name, weights in self.stack.state_dict().items()})
         return Agents(
             stack.requires_grad_(False),
-            AffordanceMap(self.lookup.codes[own].clone(), self.lookup.world),
+            AffordanceMap(self.lookup.codes[own].clone(), self.lookup.worlds),
             Observation(*(part[agent : agent + 1] for part in self.start)),
             self.settings,
         )
@@ -77,14 +77,14 @@ def reference() -> Agents:
     trained = Store(folder().parent / config.reference).find(config.train_stage)
     if trained is None:
         raise FileNotFoundError(f"{config.reference} holds no models of this configuration; the benchmark plans them.")
-    stack = restore(Stack(config.model, len(config.layout.channels), config.seeds), trained / WEIGHTS)
+    stack = restore(Stack(config.model, len(config.channels), config.seeds), trained / WEIGHTS)
     stack.requires_grad_(False)
-    return Agents(stack, make_lookup(config.lookup, stack, config.layout.map), _starts(config), config.control)
+    return Agents(stack, make_lookup(config.lookup, stack, [config.control_layout.map]), _starts(config), config.control)
 
 
 def _starts(config: Config) -> Observation:
     """Starts and goals as `affmap.control.episodes.control` draws them."""
-    env = VehicleEnv(config.layout, config.vehicle, config.control.goal_radius)
+    env = VehicleEnv(config.control_layout, config.vehicle, config.control.goal_radius)
     observations = [
         env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})[0]
         for seed in config.seeds
@@ -131,7 +131,7 @@ def results(rounds: int) -> list[Result]:
 
 def _gradient(agents: Agents) -> list[Contender]:
     """Our gradient-based planner for all agents, with and without gradients through the map, and for a quarter."""
-    through = replace(agents, lookup=AffordanceMap(agents.lookup.codes, agents.lookup.world, differentiable=True))
+    through = replace(agents, lookup=AffordanceMap(agents.lookup.codes, agents.lookup.worlds, differentiable=True))
     first = len(agents.start.goal) // len(agents.stack.seeds)
     quarter = replace(agents, start=Observation(*(part[::first] for part in agents.start)))  # one of each member's
     planner = GradientPlanner.load("planner", "gradient")

@@ -101,7 +101,7 @@ def control_step(members: int = 25, num_steps: int = 20) -> pd.DataFrame:
     """
     settings = ControlSettings.load("control", "default", num_steps=num_steps)
     stack = Stack(ModelSettings.load("model", "default"), len(LAYOUT.channels), range(members))
-    painted = AffordanceMap.paint(stack, LAYOUT.map, spacing=0.02)
+    painted = AffordanceMap.paint(stack, [LAYOUT.map], spacing=0.02)
     agent = Agent(stack, painted, CEMPlanner.load("planner", "cem"), settings)
     seconds: defaultdict[str, float] = defaultdict(float)
     ends: list[float] = []
@@ -112,7 +112,7 @@ def control_step(members: int = 25, num_steps: int = 20) -> pd.DataFrame:
         ends.append(time.perf_counter())
 
     with clocked(Agent, "act", seconds), clocked(VehicleEnv, "step", seconds), clocked(Physics, "step", seconds):
-        control(agent, LAYOUT, VEHICLE, settings, on_step)
+        control(agent, [LAYOUT], VEHICLE, settings, on_step)
     total, steps = ends[-1] - ends[0], num_steps - 1
     planning, env, physics = (seconds[name] for name in ("Agent.act", "VehicleEnv.step", "Physics.step"))
     parts = {

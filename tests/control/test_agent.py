@@ -70,7 +70,7 @@ def random_actions(*shape: int) -> Tensor:
 def test_planners_minimise_the_expected_free_energy_of_imagined_paths(context_size: int, beta: float) -> None:
     """torch.distributions along each candidate's path; every problem its own goal, 0.01 u wide within 0.5 u."""
     whole, seen = stack(*SEEDS, context_size=context_size), observations()
-    lookup = ExactLookup(whole, WORLD)
+    lookup = ExactLookup(whole, [WORLD])
     planner = Fixed(random_actions(B))
     agent = Agent(whole, lookup, planner, ControlSettings.load("control", "default", beta=beta))
     agent.act(seen, agent.initial(B), [])
@@ -92,7 +92,7 @@ def test_the_first_action_of_the_plan_is_executed_and_states_are_handed_on() -> 
     """Golden values."""
     whole, seen = stack(*SEEDS), observations()
     planner = Fixed(random_actions(B))
-    agent = Agent(whole, ExactLookup(whole, WORLD), planner, ControlSettings.load("control", "default"))
+    agent = Agent(whole, ExactLookup(whole, [WORLD]), planner, ControlSettings.load("control", "default"))
     streams = [np.random.default_rng() for _ in range(B)]
     decision, state = agent.act(seen, agent.initial(B), streams)
     assert torch.equal(decision.action, planner.actions[:, 0])
@@ -103,12 +103,12 @@ def test_the_expected_path_is_that_of_the_plan() -> None:
     """Against the imagined path of each plan alone, from the reported position."""
     whole, seen = stack(*SEEDS), observations()
     planner = Fixed(random_actions(B))
-    agent = Agent(whole, ExactLookup(whole, WORLD), planner, ControlSettings.load("control", "default"))
+    agent = Agent(whole, ExactLookup(whole, [WORLD]), planner, ControlSettings.load("control", "default"))
     decision, _ = agent.act(seen, agent.initial(B), [])
     for b in range(B):
         alone, one = stack(SEEDS[b // AGENTS]).requires_grad_(False), slice(b, b + 1)
         start = Situation(seen.position[one], seen.delta[one], ())
-        path = rollout(alone.transition, ExactLookup(alone, WORLD), start, planner.actions[one, None])
+        path = rollout(alone.transition, ExactLookup(alone, [WORLD]), start, planner.actions[one, None])
         torch.testing.assert_close(decision.path.mean[b], path.mean[0, 0])
         torch.testing.assert_close(decision.path.log_std[b], path.log_std[0, 0])
 
@@ -118,7 +118,7 @@ def test_the_expected_change_is_predicted_from_the_view_as_in_training(context_s
     """The transition model of each vehicle's own member in plain NumPy (Appendix A), and the vehicle's own view."""
     whole, seen = stack(*SEEDS, context_size=context_size), observations()
     planner = Fixed(random_actions(B))
-    lookup = AffordanceMap.paint(whole, WORLD, 0.5)  # not what predictions of the next step are made from
+    lookup = AffordanceMap.paint(whole, [WORLD], 0.5)  # not what predictions of the next step are made from
     agent = Agent(whole, lookup, planner, ControlSettings.load("control", "default"))
     decision, _ = agent.act(seen, agent.initial(B), [])
     for b in range(B):
@@ -155,7 +155,7 @@ def test_agents_together_are_each_alone(kind: str, context_size: int) -> None:
 
     def decide(seeds: tuple[int, ...], agents: slice) -> list[Decision]:
         whole = stack(*seeds, context_size=context_size)
-        agent = Agent(whole, AffordanceMap.paint(whole, WORLD, 0.1), PLANNERS[kind], settings)
+        agent = Agent(whole, AffordanceMap.paint(whole, [WORLD], 0.1), PLANNERS[kind], settings)
         numbers = range(B)[agents]
         streams = [np.random.default_rng(number) for number in numbers]
         state, decisions = agent.initial(len(numbers)), []

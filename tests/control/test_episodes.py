@@ -51,14 +51,14 @@ class Recorder(Agent):
 
 def make_agent(seeds: Sequence[int], context_size: int, kind: str, device: str = "cpu") -> Recorder:
     model = Stack(ModelSettings.load("model", "default", context_size=context_size), LAYOUT.map.num_channels, seeds)
-    lookup = make_lookup(LookupSettings.load("lookup", "map", spacing=0.1), model.to(device), LAYOUT.map)
+    lookup = make_lookup(LookupSettings.load("lookup", "map", spacing=0.1), model.to(device), [LAYOUT.map])
     return Recorder(model, lookup, PLANNERS[kind], SETTINGS.model_copy(update={"device": device}))
 
 
 @cache
 def fly(seeds: Sequence[int] = SEEDS, context_size: int = 3, kind: str = "cem") -> tuple[Recorder, Runs]:
     agent = make_agent(seeds, context_size, kind)
-    return agent, control(agent, LAYOUT, VEHICLE, SETTINGS)
+    return agent, control(agent, [LAYOUT], VEHICLE, SETTINGS)
 
 
 def replay(runs: Runs, b: int) -> tuple[VehicleEnv, list[tuple]]:
@@ -94,7 +94,7 @@ def test_members_together_are_each_alone(context_size: int, kind: str) -> None:
 def test_a_gpu_does_what_the_cpu_does(context_size: int, kind: str) -> None:
     """The first decisions, which nothing else depends on yet, and the form of everything."""
     agent = make_agent(SEEDS, context_size, kind, "cuda")
-    runs = control(agent, LAYOUT, VEHICLE, SETTINGS.model_copy(update={"device": "cuda"}))
+    runs = control(agent, [LAYOUT], VEHICLE, SETTINGS.model_copy(update={"device": "cuda"}))
     reference = fly(SEEDS, context_size, kind)[1]
     assert list(runs.table.columns) == list(reference.table.columns)
     for key, values in runs.trajectories.items():
@@ -108,7 +108,7 @@ def test_same_seeds_same_results(context_size: int, kind: str) -> None:
     """Bit for bit, whatever torch's and NumPy's global generators do."""
     first = fly(SEEDS, context_size, kind)[1]
     torch.rand(3), np.random.default_rng().random()
-    second = control(make_agent(SEEDS, context_size, kind), LAYOUT, VEHICLE, SETTINGS)
+    second = control(make_agent(SEEDS, context_size, kind), [LAYOUT], VEHICLE, SETTINGS)
     pd.testing.assert_frame_equal(first.table, second.table, check_exact=True)
     for key, values in first.trajectories.items():
         np.testing.assert_array_equal(values, second.trajectories[key], err_msg=key)
@@ -213,12 +213,15 @@ def test_actions_and_plans_are_those_decided(context_size: int, kind: str) -> No
 def test_steps_are_reported_as_they_are_done() -> None:
     """For whoever shows the progress."""
     steps: list[int] = []
-    control(make_agent((4,), 0, "cem"), LAYOUT, VEHICLE, SETTINGS, steps.append)
+    control(make_agent((4,), 0, "cem"), [LAYOUT], VEHICLE, SETTINGS, steps.append)
     assert steps == [*range(1, T + 1)]
 
 
 def test_summaries_worked_out_by_hand() -> None:
-    """Three runs of four steps: one arrives at once, one later and leaves again, one never."""
+    """Three runs of four steps: one arrives at once, one later and leaves again, one never.
+
+    The last quarter of five positions are the last two: they are half their distance from their mean.
+    """
     position = np.zeros((3, 5, 2))
     position[0, :, 0] = [9, 0, 0, 0, 0]  # the start does not count
     position[1, :, 1] = [9, 4, 3, 2, 3]
@@ -246,8 +249,10 @@ def test_summaries_worked_out_by_hand() -> None:
             "mean_distance": [0.0, 2.0, 5.0],
             "reached": [True, True, False],
             "steps_to_reach": pd.array([1, 3, None], dtype="Int64"),
+            "success": [False, True, False],
             "steps_touching": [0, 3, 4],
             "steps_in_fog": [1, 0, 2],
+            "final_spread": [0.0, 0.5, 2.5],
         }
     )
     pd.testing.assert_frame_equal(summarise(trajectories), expected)
@@ -262,3 +267,27 @@ def test_the_table_is_the_summary_of_the_trajectories() -> None:
         arrivals = [t + 1 for t, step in enumerate(replay(runs, int(b))[1]) if step[4]["reached"]]
         assert row["reached"] == bool(arrivals)
         assert (row["steps_to_reach"] == arrivals[0]) if arrivals else pd.isna(row["steps_to_reach"])
+
+
+def test_each_run_in_a_world_of_its_own_is_the_run_alone_in_that_world() -> None:
+    """Two members with two runs in four worlds, against one member's run in one world; walls and views are its own."""
+    six = [circle.model_dump() for circle in Layout.load("layout", "original").circles]
+    shifts = (0.0, 0.1, 0.2, 0.3)
+    layouts = [
+        Layout.load(
+            "layout", "original", circles=[{**c, "center": (c["center"][0], c["center"][1] + s / 2)} for c in six]
+        )
+        for s in shifts
+    ]
+    settings = SETTINGS.model_copy(update={"runs_per_member": 2})
+    model = Stack(ModelSettings.load("model", "default", context_size=3), 1, SEEDS)
+    for kind in ("map", "exact"):
+        lookup = make_lookup(LookupSettings.load("lookup", kind), model, [layout.map for layout in layouts])
+        together = control(Agent(model, lookup, PLANNERS["cem"], settings), layouts, VEHICLE, settings)
+        for number, (seed, run) in enumerate((seed, run) for seed in SEEDS for run in range(2)):
+            one = model.select([SEEDS.index(seed)])
+            alone_lookup = make_lookup(LookupSettings.load("lookup", kind), one, [layouts[number].map])
+            alone = control(Agent(one, alone_lookup, PLANNERS["cem"], settings), [layouts[number]], VEHICLE, settings)
+            for key in ("position", "prediction_error", "planned_position"):
+                found, expected = together.trajectories[key][number], alone.trajectories[key][run]
+                np.testing.assert_allclose(found, expected, atol=2e-3, err_msg=f"{kind} {key}")

@@ -34,7 +34,7 @@ def fog() -> Layout:
 
 @pytest.fixture(scope="module")
 def explored() -> Arrays:
-    return collect(LAYOUT, VEHICLE, exploration())
+    return collect([LAYOUT], VEHICLE, exploration())
 
 
 def test_shapes_and_types(explored: Arrays) -> None:
@@ -51,8 +51,8 @@ def test_shapes_and_types(explored: Arrays) -> None:
 @pytest.mark.parametrize("layout", [LAYOUT, fog()], ids=["original", "fog"])
 def test_the_same_seed_gives_bit_equal_data_and_another_seed_others(layout: Layout) -> None:
     """A second collection; in fog the noise counts too."""
-    first, again = (collect(layout, VEHICLE, exploration()) for _ in range(2))
-    other = collect(layout, VEHICLE, exploration(seed=1))
+    first, again = (collect([layout], VEHICLE, exploration()) for _ in range(2))
+    other = collect([layout], VEHICLE, exploration(seed=1))
     for key in first:
         np.testing.assert_array_equal(first[key], again[key])
     for key in ("position", "true_position", "action"):
@@ -63,7 +63,7 @@ def test_the_same_seed_gives_bit_equal_data_and_another_seed_others(layout: Layo
 @pytest.mark.parametrize("layout", [LAYOUT, fog()], ids=["original", "fog"])
 def test_a_sequence_does_not_depend_on_how_many_there_are(layout: Layout) -> None:
     """The same alone: two sequences are the first two of four; and all differ."""
-    four, two = (collect(layout, VEHICLE, exploration(num_sequences=number)) for number in (4, 2))
+    four, two = (collect([layout], VEHICLE, exploration(num_sequences=number)) for number in (4, 2))
     for key in four:
         np.testing.assert_array_equal(four[key][:2], two[key])
     for key in ("position", "action"):
@@ -77,7 +77,7 @@ def test_a_sequence_does_not_depend_on_how_many_there_are(layout: Layout) -> Non
 def test_views_are_of_the_true_positions_before_each_step(explored: Arrays) -> None:
     """`affmap.view.view`; also in fog, where the reported positions are elsewhere."""
     layout = Layout.load("layout", "original")
-    for world, arrays in ((layout, explored), (fog(), collect(fog(), VEHICLE, exploration(num_sequences=2)))):
+    for world, arrays in ((layout, explored), (fog(), collect([fog()], VEHICLE, exploration(num_sequences=2)))):
         expected = view(world.map, arrays["true_position"][:, :-1].astype(float))
         different = (arrays["view"] != expected).mean()
         assert different < 1e-4  # a pixel's centre on a rim: positions are stored in single precision
@@ -96,7 +96,7 @@ def test_sequences_start_at_rest_at_free_places_and_stay_in_the_arena(explored: 
 
 def test_touching_is_where_something_solid_is_near() -> None:
     """Geometry: within a tenth of the radius of something solid after the step when touching, else not overlapping."""
-    arrays = collect(LAYOUT, VEHICLE, exploration(num_sequences=8, num_steps=60))
+    arrays = collect([LAYOUT], VEHICLE, exploration(num_sequences=8, num_steps=60))
     after = arrays["true_position"][:, 1:].astype(float)
     assert 0.02 < arrays["touching"].mean() < 0.9
     assert not LAYOUT.is_free(after[arrays["touching"]], 1.1 * VEHICLE.radius).any()
@@ -105,7 +105,7 @@ def test_touching_is_where_something_solid_is_near() -> None:
 
 def test_each_finished_sequence_is_told() -> None:
     told: list[int] = []
-    collect(LAYOUT, VEHICLE, exploration(num_sequences=3, num_steps=1), told.append)
+    collect([LAYOUT], VEHICLE, exploration(num_sequences=3, num_steps=1), told.append)
     assert told == [0, 1, 2]
 
 

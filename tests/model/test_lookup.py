@@ -48,13 +48,13 @@ def places(*shape: int, seed: int = 0, margin: float = 0.0, dtype: torch.dtype =
 def random_map(differentiable: bool = False) -> AffordanceMap:
     """Codes `[3, 8, 13, 5]` without any order, float64."""
     codes = torch.randn(3, 8, 13, 5, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    return AffordanceMap(codes, WORLD, differentiable)
+    return AffordanceMap(codes, [WORLD], differentiable)
 
 
 def nodes(painted: AffordanceMap) -> Tensor:
     """Positions of the nodes, `[Y, X, 2]`."""
     _, rows, columns, _ = painted.codes.shape
-    width, height = painted.world.size
+    width, height = painted.worlds[0].size
     y, x = torch.meshgrid(torch.linspace(0, height, rows), torch.linspace(0, width, columns), indexing="ij")
     return torch.stack([x, y], dim=-1)
 
@@ -62,7 +62,7 @@ def nodes(painted: AffordanceMap) -> Tensor:
 def test_an_exact_code_is_the_member_s_own_code_of_the_view() -> None:
     """Each member alone, each place alone."""
     whole, positions = stack(*SEEDS), places(3, 4, 2)
-    codes = ExactLookup(whole, WORLD)(positions)
+    codes = ExactLookup(whole, [WORLD])(positions)
     assert codes.shape == (3, 4, 2, 3)
     for member, seed in enumerate(SEEDS):
         alone = stack(seed)
@@ -76,7 +76,7 @@ def test_an_exact_code_is_the_member_s_own_code_of_the_view() -> None:
 def test_the_error_of_a_look_up_is_its_distance_from_the_exact_one() -> None:
     """By hand for a map, and zero for the exact look-up itself."""
     whole, positions = stack(*SEEDS), places(3, 9)
-    exact, painted = ExactLookup(whole, WORLD), AffordanceMap.paint(whole, WORLD, 0.5)
+    exact, painted = ExactLookup(whole, [WORLD]), AffordanceMap.paint(whole, [WORLD], 0.5)
     expected = (painted(positions) - exact(positions)).abs().mean(-1)
     torch.testing.assert_close(lookup_error(painted, exact, positions), expected)
     assert (expected > 1e-4).any() and (lookup_error(exact, exact, positions) == 0).all()
@@ -85,10 +85,10 @@ def test_the_error_of_a_look_up_is_its_distance_from_the_exact_one() -> None:
 def test_at_its_nodes_the_map_is_exact() -> None:
     """Against the exact look-up, all members and all nodes, corners and borders included."""
     whole = stack(*SEEDS)
-    painted = AffordanceMap.paint(whole, WORLD, spacing=0.1)
+    painted = AffordanceMap.paint(whole, [WORLD], spacing=0.1)
     assert painted.codes.shape == (3, 21, 31, 3)
     at_nodes = nodes(painted)
-    exact = ExactLookup(whole, WORLD)(at_nodes.expand(3, -1, -1, -1))
+    exact = ExactLookup(whole, [WORLD])(at_nodes.expand(3, -1, -1, -1))
     torch.testing.assert_close(painted.codes, exact)
     torch.testing.assert_close(painted(at_nodes.expand(3, -1, -1, -1)), exact, atol=1e-4, rtol=0)
     assert (exact.std(dim=(1, 2)) > 1e-3).all()
@@ -108,7 +108,7 @@ def test_between_nodes_it_is_grid_sample(margin: float) -> None:
 def test_between_two_nodes_it_is_their_weighted_mean() -> None:
     """Closed form, on one cell: rows are y, columns are x."""
     codes = torch.tensor([[[[0.0], [1.0]], [[10.0], [31.0]]]])
-    painted = AffordanceMap(codes, Map((3.0, 2.0), 1, 0, ()))
+    painted = AffordanceMap(codes, [Map((3.0, 2.0), 1, 0, ())])
     found = painted(
         torch.tensor([[[0.0, 0.0], [3.0, 0.0], [0.0, 2.0], [3.0, 2.0], [0.75, 0.0], [0.0, 0.5], [1.5, 1.0]]])
     )
@@ -118,9 +118,9 @@ def test_between_two_nodes_it_is_their_weighted_mean() -> None:
 def test_a_finer_map_is_nearer_to_the_exact_one() -> None:
     """On average over 600 places; the code jumps where a pixel does, so no single place need be."""
     whole, positions = stack(*SEEDS), places(3, 600)
-    exact = ExactLookup(whole, WORLD)(positions)
+    exact = ExactLookup(whole, [WORLD])(positions)
     errors = [
-        (AffordanceMap.paint(whole, WORLD, spacing)(positions) - exact).abs().mean().item()
+        (AffordanceMap.paint(whole, [WORLD], spacing)(positions) - exact).abs().mean().item()
         for spacing in (0.2, 0.1, 0.05, 0.025)
     ]
     assert all(finer < 0.9 * coarser for coarser, finer in pairwise(errors)), errors
@@ -132,7 +132,7 @@ def test_a_finer_map_is_nearer_to_the_exact_one() -> None:
 )
 def test_nodes_are_at_most_the_spacing_apart(spacing: float, columns: int, rows: int) -> None:
     """Counted by hand for 3 x 2 u: the smallest number of equal parts none of which is longer."""
-    painted = AffordanceMap.paint(stack(4), WORLD, spacing)
+    painted = AffordanceMap.paint(stack(4), [WORLD], spacing)
     assert painted.codes.shape == (1, rows, columns, 3)
     assert math.ceil(WORLD.size[0] / spacing) == columns - 1 and math.ceil(WORLD.size[1] / spacing) == rows - 1
     assert painted(places(1, 5, margin=1)).isfinite().all()
@@ -143,14 +143,14 @@ def test_the_configured_spacing_gives_the_nodes_one_expects() -> None:
     assert LookupSettings.load("lookup", "map").spacing == 0.02
     nothing = stack(4, context_size=0)
     for spacing, columns, rows in ((0.01, 301, 201), (0.02, 151, 101), (0.03, 101, 68), (0.04, 76, 51), (0.1, 31, 21)):
-        assert AffordanceMap.paint(nothing, WORLD, spacing).codes.shape == (1, rows, columns, 0)
+        assert AffordanceMap.paint(nothing, [WORLD], spacing).codes.shape == (1, rows, columns, 0)
 
 
 @pytest.mark.parametrize("settings", [EXACT, COARSE])
 def test_outside_the_arena_is_the_nearest_point_inside(settings: LookupSettings) -> None:
     """Against the clipped positions; far away and infinite ones too."""
     whole = stack(*SEEDS)
-    lookup = make_lookup(settings, whole, WORLD)
+    lookup = make_lookup(settings, whole, [WORLD])
     positions = places(3, 40, margin=1.0)
     positions[:, 0] = torch.tensor([1e6, -1e6])
     positions[:, 1] = torch.tensor([-torch.inf, torch.inf])
@@ -191,7 +191,7 @@ def test_gradients_are_those_of_finite_differences() -> None:
 @pytest.mark.parametrize("settings", [EXACT, COARSE])
 def test_no_gradients_flow_to_the_position_unless_asked_for(settings: LookupSettings) -> None:
     """The paper's do not (Figure 1): the codes are constants."""
-    lookup = make_lookup(settings, stack(*SEEDS), WORLD)
+    lookup = make_lookup(settings, stack(*SEEDS), [WORLD])
     assert not lookup(places(3, 5).requires_grad_()).requires_grad
 
 
@@ -203,10 +203,10 @@ def test_asking_for_gradients_does_not_change_codes() -> None:
 
 def test_members_of_a_map_see_their_own_codes() -> None:
     """Together equals alone."""
-    together, positions = AffordanceMap.paint(stack(*SEEDS), WORLD, 0.2), places(3, 9, 2)
+    together, positions = AffordanceMap.paint(stack(*SEEDS), [WORLD], 0.2), places(3, 9, 2)
     codes = together(positions)
     for member, seed in enumerate(SEEDS):
-        alone = AffordanceMap.paint(stack(seed), WORLD, 0.2)
+        alone = AffordanceMap.paint(stack(seed), [WORLD], 0.2)
         torch.testing.assert_close(together.codes[member], alone.codes[0])
         torch.testing.assert_close(codes[member], alone(positions[member : member + 1])[0])
     assert (codes[0] - codes[1]).abs().max() > 1e-2
@@ -214,17 +214,17 @@ def test_members_of_a_map_see_their_own_codes() -> None:
 
 @pytest.mark.parametrize("settings", [EXACT, COARSE])
 def test_without_a_context_codes_are_empty(settings: LookupSettings) -> None:
-    lookup = make_lookup(settings, stack(4, 5, context_size=0), WORLD)
+    lookup = make_lookup(settings, stack(4, 5, context_size=0), [WORLD])
     assert lookup(places(2, 3, 4)).shape == (2, 3, 4, 0)
 
 
 def test_make_lookup_makes_what_is_named() -> None:
     """The configured files: an exact look-up, and a map of the spacing given, differentiable on request only."""
     whole = stack(4)
-    assert isinstance(make_lookup(EXACT, whole, WORLD), ExactLookup)
+    assert isinstance(make_lookup(EXACT, whole, [WORLD]), ExactLookup)
     for differentiable in (False, True):
         settings = LookupSettings.load("lookup", "map", spacing=0.5, differentiable=differentiable)
-        lookup = make_lookup(settings, whole, WORLD)
+        lookup = make_lookup(settings, whole, [WORLD])
         assert isinstance(lookup, AffordanceMap) and lookup.codes.shape == (1, 5, 7, 3)
         assert lookup(places(1, 5).requires_grad_()).requires_grad == differentiable
 

@@ -41,11 +41,11 @@ def test_it_is_a_plain_loop_and_problems_belong_to_members_in_order(context_size
     whole = stack(*SEEDS, context_size=context_size)
     position, delta, actions = situation()
     start = Situation(position, delta, whole.transition.initial())
-    found = rollout(whole.transition, ExactLookup(whole, WORLD), start, actions)
+    found = rollout(whole.transition, ExactLookup(whole, [WORLD]), start, actions)
     assert found.mean.shape == found.log_std.shape == (B, N, H, 2)
     for b in range(B):
         one = stack(SEEDS[b // AGENTS], context_size=context_size)
-        lookup = ExactLookup(one, WORLD)
+        lookup = ExactLookup(one, [WORLD])
         for n in range(N):
             here, change, variance = position[b].tolist(), delta[b], [0.0, 0.0]
             for step in range(H):
@@ -67,7 +67,7 @@ def test_the_code_is_looked_up_where_the_vehicle_is_expected_to_be() -> None:
     whole = stack(*SEEDS, context_size=3)
     position, delta, actions = situation()
     asked: list[Tensor] = []
-    exact = ExactLookup(whole, WORLD)
+    exact = ExactLookup(whole, [WORLD])
 
     def lookup(positions: Tensor) -> Tensor:
         asked.append(positions)
@@ -85,11 +85,11 @@ def test_problems_together_are_each_alone() -> None:
     whole = stack(*SEEDS, context_size=3)
     position, delta, actions = situation()
     together = rollout(
-        whole.transition, AffordanceMap.paint(whole, WORLD, 0.1), Situation(position, delta, ()), actions
+        whole.transition, AffordanceMap.paint(whole, [WORLD], 0.1), Situation(position, delta, ()), actions
     )
     for b in range(B):
         one = stack(SEEDS[b // AGENTS], context_size=3)
-        lookup, mine = AffordanceMap.paint(one, WORLD, 0.1), slice(b, b + 1)
+        lookup, mine = AffordanceMap.paint(one, [WORLD], 0.1), slice(b, b + 1)
         alone = rollout(one.transition, lookup, Situation(position[mine], delta[mine], ()), actions[mine])
         for whole_part, part in zip(together, alone, strict=True):
             torch.testing.assert_close(whole_part[mine], part, atol=1e-5, rtol=1e-5)
@@ -109,7 +109,7 @@ def test_the_carry_goes_from_step_to_step() -> None:
     adding = Adding([torch.Generator().manual_seed(seed) for seed in SEEDS], 0, 32, 4.0).requires_grad_(False)
     position, delta, actions = situation()
     carry = torch.randn(len(SEEDS), AGENTS, 2, generator=torch.Generator().manual_seed(3))
-    lookup = ExactLookup(stack(*SEEDS, context_size=0), WORLD)
+    lookup = ExactLookup(stack(*SEEDS, context_size=0), [WORLD])
     found = rollout(adding, lookup, Situation(position, delta, (carry,)), actions)
     moves = carry.view(B, 1, 1, 2) + actions[..., :2].cumsum(2)
     torch.testing.assert_close(found.mean, position.view(B, 1, 1, 2) + moves.cumsum(2))
@@ -119,7 +119,7 @@ def test_any_memory_layout_of_actions_will_do() -> None:
     """Against a contiguous copy."""
     whole = stack(*SEEDS, context_size=3)
     position, delta, actions = situation()
-    lookup, start = AffordanceMap.paint(whole, WORLD, 0.5), Situation(position, delta, ())
+    lookup, start = AffordanceMap.paint(whole, [WORLD], 0.5), Situation(position, delta, ())
     strange = actions.transpose(1, 2).contiguous().transpose(1, 2)
     same = actions[:, :1].expand(-1, 3, -1, -1)
     for layout in (strange, same):
@@ -132,7 +132,7 @@ def test_deviations_never_shrink_along_a_path() -> None:
     whole = stack(4, context_size=0)
     torch.nn.init.zeros_(whole.transition.output_weight)
     start = Situation(torch.zeros(1, 2), torch.zeros(1, 2), ())
-    found = rollout(whole.transition, ExactLookup(whole, WORLD), start, torch.rand(1, 1, 9, 4))
+    found = rollout(whole.transition, ExactLookup(whole, [WORLD]), start, torch.rand(1, 1, 9, 4))
     bias = whole.transition.output_bias[0] / torch.tensor([4.0, 4.0, 1.0, 1.0])
     steps = torch.arange(1, 10.0)[:, None]
     torch.testing.assert_close(found.mean[0, 0], steps * bias[:2])
@@ -145,7 +145,7 @@ def test_gradients_reach_the_actions_as_finite_differences_say(differentiable: b
     whole = stack(*SEEDS, context_size=3).double()
     position, delta, actions = (part.double() for part in situation())
     codes = torch.randn(2, 21, 31, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    painted = AffordanceMap(codes, WORLD, differentiable)
+    painted = AffordanceMap(codes, [WORLD], differentiable)
     weights = torch.randn(2, B, N, H, 2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     seen: list[Tensor] = []
 
@@ -169,7 +169,7 @@ def test_gradients_reach_the_actions_as_finite_differences_say(differentiable: b
         expected = (value(actions + offset, frozen) - value(actions - offset, frozen)) / 2e-6
         torch.testing.assert_close(gradient[index], expected, atol=1e-5, rtol=1e-4)
     if not differentiable:  # the two kinds of gradient are not the same, or this would show nothing
-        through = AffordanceMap(codes, WORLD, True)
+        through = AffordanceMap(codes, [WORLD], True)
         path = rollout(whole.transition, through, Situation(position, delta, ()), variable)
         (other,) = torch.autograd.grad((weights * torch.stack(tuple(path))).sum(), variable)
         assert (other - gradient).abs().max() > 1e-2

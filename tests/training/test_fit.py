@@ -19,8 +19,9 @@ from affmap.data.collect import Exploration, collect
 from affmap.data.module import DataModule, read
 from affmap.env import Layout, Vehicle
 from affmap.model.stack import ModelSettings, Stack
+from affmap.model.weights import restore, save
 from affmap.random import generator
-from affmap.training.fit import fit, restore, save
+from affmap.training.fit import fit
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 
@@ -41,7 +42,7 @@ def one_thread() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("data") / "dataset.npz"
-    arrays = collect(Layout.load("layout", "original"), Vehicle.load("vehicle", "default"), EXPLORATION)
+    arrays = collect([Layout.load("layout", "original")], Vehicle.load("vehicle", "default"), EXPLORATION)
     np.savez(path, allow_pickle=False, **arrays)
     return path
 

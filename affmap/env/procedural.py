@@ -1,0 +1,182 @@
+"""Worlds drawn at random under the rules of Experiment V: how many circles, how large, how far apart.
+
+A draw begins as the paper describes it: numbers and radii uniform between their limits, every circle anywhere. Then
+spaced circles that are too near to each other are pushed apart, round after round. Meanwhile all of them shrink in
+proportion towards the smallest radius, and those above the smallest number are taken away one by one, each at a moment
+of its own. The first round in which every rule holds ends the draw, so nothing gives way further than it must.
+
+What that does to the distribution: where there is room, as for a few circles in a world, most numbers are as drawn and
+radii reach far up. Where there is not, as for 24 to 40 circles that all keep their gap, a world has little more than
+the smallest number, radii are uniform up to a limit that hardly exceeds the smallest, and places are spread evenly.
+Circles that need not keep the gap are never pushed, shrunk or taken away: they are as the paper draws them.
+"""
+
+import math
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+
+from affmap.env.layout import Circle, Effect, Layout
+from affmap.settings import Settings
+
+ROUNDS = 300
+"""Rounds in which the circles shrink; as many again follow at the smallest radius."""
+ATTEMPTS = 10
+"""Draws before the settings are given up as impossible; nearly every first one succeeds where any does."""
+SLACK = 0.03
+"""Circles are pushed this much further apart than they must be, in smallest radii: pushing comes close, never quite."""
+
+
+class Property(Settings):
+    """A kind of circle."""
+
+    effect: Effect
+    """What it does to the vehicle."""
+    channel: str
+    """Name of the channel of the view that it is painted in."""
+    spaced: bool
+    """Whether it keeps the gap to all other spaced circles; if not, it may overlap anything."""
+
+
+class Procedural(Settings):
+    """Rules for random worlds (`conf/layout/procedural_*.yaml`)."""
+
+    name: str
+    """Name of every world."""
+    size: tuple[PositiveFloat, PositiveFloat]
+    """Width and height of the arena, u."""
+    channels: tuple[str, ...] = Field(min_length=1)
+    """Names of the channels of the view, in order."""
+    border_channel: str
+    """Channel that everything outside the arena is painted in."""
+    start_margin: PositiveFloat
+    """Distance of the squares where runs start and end to the borders, u."""
+    start_side: PositiveFloat
+    """Side of these squares, u."""
+    count: tuple[PositiveInt, PositiveInt]
+    """Smallest and largest number of circles."""
+    count_of: Literal["property", "world"]
+    """Whether that is the number of each property's circles, or of all, each of a property drawn at random."""
+    radius: tuple[PositiveFloat, PositiveFloat]
+    """Smallest and largest radius, u."""
+    gap: NonNegativeFloat
+    """Smallest distance between spaced circles, and from any circle to the borders, u."""
+    corner_side: PositiveFloat
+    """Side of the squares in the arena's corners that no circle reaches into, u."""
+    properties: tuple[Property, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        channels = list(self.channels)
+        if len(set(channels)) < len(channels):
+            raise ValueError(f"channels = {channels} names a channel twice; give each its own name.")
+        if self.border_channel not in channels:
+            raise ValueError(f"border_channel = {self.border_channel!r} is not one of channels {channels}.")
+        for index, kind in enumerate(self.properties):
+            if kind.channel not in channels:
+                raise ValueError(f"properties[{index}].channel = {kind.channel!r} is not one of channels {channels}.")
+        for key in ("count", "radius"):
+            low, high = getattr(self, key)
+            if low > high:
+                raise ValueError(f"{key} = {[low, high]} is in the wrong order; write the smaller value first.")
+        if self.corner_side < self.start_margin + self.start_side - 1e-9:  # 0.1 + 0.2 > 0.3
+            raise ValueError(
+                f"corner_side = {self.corner_side} leaves a part of the start squares unprotected; it must be at least "
+                f"start_margin + start_side = {self.start_margin + self.start_side:g}."
+            )
+        if 2 * self.corner_side > min(self.size):
+            raise ValueError(
+                f"corner_side = {self.corner_side} does not fit an arena of size {list(self.size)}; "
+                f"it must be at most {min(self.size) / 2:g}."
+            )
+        # No place is farther from all borders and corner squares than the centre.
+        to_corner = math.hypot(*(side / 2 - self.corner_side for side in self.size))
+        room = min(min(self.size) / 2 - self.gap, to_corner)
+        if self.radius[1] > room:
+            raise ValueError(
+                f"radius = {list(self.radius)} is too large for an arena of size {list(self.size)} with "
+                f"gap = {self.gap} and corner_side = {self.corner_side}; the largest circle that fits has radius "
+                f"{room:g}."
+            )
+        return self
+
+    def draw(self, rng: np.random.Generator) -> Layout:
+        """A world that obeys every rule.
+
+        Raises:
+            ValueError: none was found, so many or so large circles do not fit.
+        """
+        for _ in range(ATTEMPTS):
+            circles = self._attempt(rng)
+            if circles is not None:
+                shared = set(Layout.model_fields) & set(Procedural.model_fields)
+                return Layout(circles=circles, **{key: getattr(self, key) for key in shared})
+        raise ValueError(
+            f"layout {self.name!r}: no world was found in {ATTEMPTS} attempts, not even with the smallest count and "
+            f"radius; make count = {list(self.count)}, radius = {list(self.radius)} or gap = {self.gap} smaller."
+        )
+
+    def _attempt(self, rng: np.random.Generator) -> tuple[Circle, ...] | None:
+        """The circles of a world, or nothing if those drawn do not fit."""
+        fewest, most = self.count
+        if self.count_of == "property":
+            counts = rng.integers(fewest, most, len(self.properties), endpoint=True)
+            kinds = np.repeat(np.arange(len(counts)), counts)
+            extra = np.concatenate([np.arange(count) for count in counts]) >= fewest
+        else:
+            kinds = rng.integers(len(self.properties), size=rng.integers(fewest, most, endpoint=True))
+            extra = np.arange(len(kinds)) >= fewest
+        spaced = np.array([kind.spaced for kind in self.properties])[kinds]
+        drawn = rng.uniform(*self.radius, len(kinds))
+        leaves = np.where(spaced & extra, rng.uniform(size=len(kinds)), math.inf)  # at which progress
+        positions = self._scatter(drawn, rng)
+        for progress in np.minimum(np.arange(2 * ROUNDS) / ROUNDS, 1.0):
+            stays = leaves > progress
+            positions, kinds, spaced, drawn, leaves = (
+                array[stays] for array in (positions, kinds, spaced, drawn, leaves)
+            )
+            radii = np.where(spaced, drawn + progress * (self.radius[0] - drawn), drawn)
+            pushed = self._push(positions, radii, spaced)
+            if pushed is None:
+                return tuple(
+                    Circle(center=(float(x), float(y)), radius=float(radius), effect=kind.effect, channel=kind.channel)
+                    for (x, y), radius, kind in zip(positions, radii, (self.properties[k] for k in kinds), strict=True)
+                )
+            positions = pushed
+        return None
+
+    def _scatter(self, radii: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """For each of `radii` `[n]` (u) a place, anywhere that keeps off borders and corner squares: `[n, 2]` in u.
+
+        Of 100 tries; where none keeps off the corners, which takes an arena of little else, `_push` sees to it.
+        """
+        low = (self.gap + radii)[:, None]
+        places = rng.uniform(low, np.array(self.size) - low, (100, len(radii), 2))
+        first = (np.linalg.norm(self._beyond_corner(places), axis=-1) >= radii).argmax(0)
+        return places[first, np.arange(len(radii))]
+
+    def _push(self, positions: np.ndarray, radii: np.ndarray, spaced: np.ndarray) -> np.ndarray | None:
+        """Where circles at `positions` `[n, 2]` go that are too near to something, `[n, 2]`; nothing if none is."""
+        slack = SLACK * self.radius[0]
+        (x, y), reach = positions.T, np.where(spaced, radii + self.gap / 2, -math.inf)
+        distances = np.hypot(x[:, None] - x, y[:, None] - y)
+        lacks = reach[:, None] + reach - distances
+        np.fill_diagonal(lacks, -math.inf)
+        beyond = self._beyond_corner(positions)
+        if lacks.max() <= 0 and (np.hypot(*beyond.T) >= radii).all():
+            return None  # borders are kept at all times
+        # Half of what is lacking, because the other circle moves as well.
+        shares = np.maximum(lacks + slack, 0) / 2 / np.maximum(distances, slack)
+        apart = shares.sum(1, keepdims=True) * positions - shares @ positions
+        beyond = np.maximum(beyond, slack)  # never zero: even from inside a corner square there is a way out
+        lengths = np.hypot(*beyond.T)
+        out = (np.maximum(radii + slack - lengths, 0) / lengths)[:, None] * beyond
+        positions = positions + apart + np.copysign(out, np.array(self.size) / 2 - positions)
+        low = (self.gap + radii)[:, None]
+        return np.clip(positions, low, np.array(self.size) - low)
+
+    def _beyond_corner(self, positions: np.ndarray) -> np.ndarray:
+        """Horizontal and vertical distance of `positions` `[..., 2]` to the nearest corner square, `[..., 2]` in u."""
+        to_border = np.minimum(positions, np.array(self.size) - positions)
+        return np.maximum(to_border - self.corner_side, 0)

@@ -1,0 +1,318 @@
+"""Random worlds: every rule against distances computed one by one, for the files in `conf/layout` and for others."""
+
+import math
+import time
+from collections import Counter
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from affmap.env.crossing import crossable
+from affmap.env.layout import Layout
+from affmap.env.physics import Vehicle
+from affmap.env.procedural import Procedural, Property
+from affmap.random import generator
+from affmap.settings import ConfigError, read
+
+FILES = ["procedural_easy", "procedural_hard", "procedural_few_easy", "procedural_few_hard"]
+EFFECTS = ["obstacle", "fog", "force_up", "force_down"]
+SEEDS = 200
+quick = settings(max_examples=150, deadline=None, derandomize=True)
+
+
+def easy(**changes: Any) -> Procedural:
+    return Procedural.load("layout", "procedural_easy", **changes)
+
+
+@pytest.fixture(scope="session")
+def worlds() -> dict[str, list[Layout]]:
+    return {
+        name: [Procedural.load("layout", name).draw(generator(seed, "worlds")) for seed in range(SEEDS)]
+        for name in FILES
+    }
+
+
+def broken_rules(layout: Layout, rules: Procedural, tolerance: float = 1e-9) -> list[str]:
+    """Plain loops over circles, pairs and corners; distances in closed form."""
+    (width, height), gap, found = layout.size, rules.gap, []
+    for index, circle in enumerate(layout.circles):
+        (x, y), radius = circle.center, circle.radius
+        if not rules.radius[0] - tolerance <= radius <= rules.radius[1] + tolerance:
+            found.append(f"radius of {index}")
+        if min(x, y, width - x, height - y) - radius < gap - tolerance:
+            found.append(f"border distance of {index}")
+        for left in (0, width - rules.corner_side):
+            for bottom in (0, height - rules.corner_side):
+                to_square_x = max(left - x, 0, x - left - rules.corner_side)
+                to_square_y = max(bottom - y, 0, y - bottom - rules.corner_side)
+                if math.hypot(to_square_x, to_square_y) < radius - tolerance:
+                    found.append(f"{index} in a corner")
+    spaced_kinds = {(kind.effect, kind.channel) for kind in rules.properties if kind.spaced}
+    spaced = [circle for circle in layout.circles if (circle.effect, circle.channel) in spaced_kinds]
+    for one, other in combinations(spaced, 2):
+        if math.dist(one.center, other.center) - one.radius - other.radius < gap - tolerance:
+            found.append(f"gap between {one.center} and {other.center}")
+    kinds = Counter((circle.effect, circle.channel) for circle in layout.circles)
+    numbers = [len(layout.circles)]
+    if rules.count_of == "property":
+        numbers = [kinds[kind.effect, kind.channel] for kind in rules.properties]
+    if not all(rules.count[0] <= number <= rules.count[1] for number in numbers):
+        found.append(f"numbers {numbers}")
+    if not set(kinds) <= {(kind.effect, kind.channel) for kind in rules.properties}:
+        found.append("a circle of no property")
+    return found
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_files_hold_the_paper_s_rules(name: str) -> None:
+    """Section 4.5 by hand: numbers, radii, distances, corners, channels of their own; `hard`: force fields overlap."""
+    rules = Procedural.load("layout", name)
+    assert rules.name == name and rules.count_of == ("world" if "few" in name else "property")
+    assert (rules.size, rules.count, rules.radius) == ((3.0, 2.0), (6, 10), (0.1, 0.5))
+    assert (rules.gap, rules.corner_side, rules.start_margin, rules.start_side) == (0.15, 0.4, 0.1, 0.2)
+    assert rules.channels == ("solid", "fog", "force_up", "force_down") and rules.border_channel == "solid"
+    assert [kind.effect for kind in rules.properties] == EFFECTS
+    assert [kind.channel for kind in rules.properties] == list(rules.channels)
+    assert [kind.spaced for kind in rules.properties] == [True, True] + ["easy" in name] * 2
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_world_of_the_files_obeys_every_rule(worlds: dict[str, list[Layout]], name: str) -> None:
+    """Brute force; and a vehicle can start in the corners."""
+    rules = Procedural.load("layout", name)
+    radius = Vehicle.load("vehicle", "default").radius
+    for world in worlds[name]:
+        assert broken_rules(world, rules) == []
+        world.check_corners(radius)
+        for key in ("name", "size", "channels", "border_channel", "start_margin", "start_side"):
+            assert getattr(world, key) == getattr(rules, key)
+
+
+def test_the_check_above_finds_every_kind_of_breach() -> None:
+    """Worlds made by hand, one for each rule, that break that rule only."""
+    rules = easy(count=[1, 2], count_of="world")
+
+    def found(*circles: tuple[float, float, float, str]) -> list[str]:
+        parts = [
+            {"center": [x, y], "radius": r, "effect": e, "channel": "fog" if e == "fog" else "solid"}
+            for x, y, r, e in circles
+        ]
+        shared = {key: value for key, value in read("layout", "procedural_easy").items() if key in Layout.model_fields}
+        return broken_rules(Layout(**shared, circles=parts), rules)
+
+    assert found((1.5, 1.0, 0.3, "obstacle"), (2.2, 1.0, 0.2, "fog")) == []
+    assert found((1.5, 1.0, 0.51, "obstacle")) == ["radius of 0"]
+    assert found((1.5, 1.0, 0.09, "obstacle")) == ["radius of 0"]
+    assert found((1.5, 0.34, 0.2, "obstacle")) == ["border distance of 0"]
+    assert found((2.66, 1.0, 0.2, "obstacle")) == ["border distance of 0"]
+    assert found((2.5, 0.5, 0.142, "fog")) == ["0 in a corner"]
+    assert found((0.59, 1.7, 0.1, "fog")) == [] and found((0.49, 1.7, 0.1, "fog")) == ["0 in a corner"]
+    assert found((1.5, 1.0, 0.3, "fog"), (2.14, 1.0, 0.2, "obstacle")) == ["gap between (1.5, 1.0) and (2.14, 1.0)"]
+    assert found((1.2, 1.0, 0.1, "fog"), (1.6, 1.0, 0.1, "fog"), (2.0, 1.0, 0.1, "fog")) == ["numbers [3]"]
+    assert found((1.5, 1.0, 0.1, "none")) == ["a circle of no property"]
+
+
+@pytest.mark.parametrize("name", ["procedural_hard", "procedural_few_hard"])
+def test_only_force_fields_overlap_and_they_do_in_most_hard_worlds(worlds: dict[str, list[Layout]], name: str) -> None:
+    """Brute force over pairs."""
+    overlapping: Counter[str] = Counter()
+    for world in worlds[name]:
+        pairs = {
+            frozenset((one.effect, other.effect))
+            for one, other in combinations(world.circles, 2)
+            if math.dist(one.center, other.center) < one.radius + other.radius
+        }
+        assert all(pair & {"force_up", "force_down"} for pair in pairs)
+        overlapping.update(["any"] * bool(pairs))
+        overlapping.update(["field on field"] * any(pair <= {"force_up", "force_down"} for pair in pairs))
+        overlapping.update(["field on other"] * any(pair & {"obstacle", "fog"} for pair in pairs))
+    if name == "procedural_hard":
+        assert list(overlapping.values()) == [SEEDS] * 3
+    else:
+        assert min(overlapping.values()) > SEEDS / 2
+
+
+@pytest.mark.parametrize("name", ["procedural_hard", "procedural_few_hard"])
+def test_unspaced_circles_are_as_the_paper_draws_them(worlds: dict[str, list[Layout]], name: str) -> None:
+    """Closed form: means and shares of uniform numbers and radii, within 4 standard errors.
+
+    Places are uniform over what borders and corners leave, which is symmetric: their mean is the arena's centre.
+    """
+    fields = [circle for world in worlds[name] for circle in world.circles if circle.effect.startswith("force")]
+    radii = np.array([circle.radius for circle in fields])
+    assert abs(radii.mean() - 0.3) < 4 * 0.4 / math.sqrt(12 * len(radii))
+    assert abs((radii > 0.4).mean() - 0.25) < 4 * math.sqrt(0.25 * 0.75 / len(radii))
+    centers = np.array([circle.center for circle in fields])
+    assert (np.abs(centers.mean(0) - [1.5, 1.0]) < 4 * centers.std(0) / math.sqrt(len(centers))).all()
+    if name == "procedural_hard":
+        numbers = Counter(
+            sum(circle.effect == effect for circle in world.circles)
+            for world in worlds[name]
+            for effect in ("force_up", "force_down")
+        )
+        assert sorted(numbers) == [6, 7, 8, 9, 10]
+        for number in numbers.values():  # binomial(2 x seeds, 1/5)
+            assert abs(number - 2 * SEEDS / 5) < 4 * math.sqrt(2 * SEEDS * 0.2 * 0.8)
+
+
+def test_worlds_are_as_varied_as_the_module_says(worlds: dict[str, list[Layout]]) -> None:
+    """Measured once over 100 worlds, less a margin; and no property has smaller circles than another."""
+    radii = {name: np.array([one.radius for world in worlds[name] for one in world.circles]) for name in FILES}
+    totals = {name: {len(world.circles) for world in worlds[name]} for name in FILES}
+    assert {24, 25, 26} <= totals["procedural_easy"] and max(totals["procedural_easy"]) < 32
+    assert len(totals["procedural_hard"]) > 7
+    assert totals["procedural_few_easy"] == totals["procedural_few_hard"] == {6, 7, 8, 9, 10}
+    easy_radii = radii["procedural_easy"]
+    assert easy_radii.mean() > 0.12 and easy_radii.std() > 0.014 and (easy_radii < 0.1001).mean() < 0.05
+    assert radii["procedural_few_easy"].mean() > 0.24 and radii["procedural_few_easy"].std() > 0.08
+    for name in FILES[:3:2]:
+        for effect in EFFECTS:
+            mine = np.array([one.radius for world in worlds[name] for one in world.circles if one.effect == effect])
+            assert abs(mine.mean() - radii[name].mean()) < 4 * mine.std() / math.sqrt(len(mine))
+
+
+def test_a_world_with_room_keeps_what_was_drawn() -> None:
+    """Closed form: two circles in a large arena are hardly ever in each other's way, so radii are uniform."""
+    rules = easy(size=[30.0, 20.0], count=[2, 2], count_of="world")
+    radii = np.array([one.radius for seed in range(200) for one in rules.draw(generator(seed, "room")).circles])
+    assert abs(radii.mean() - 0.3) < 4 * 0.4 / math.sqrt(12 * 400) and radii.max() > 0.49 and radii.min() < 0.11
+
+
+@pytest.mark.parametrize("name", ["procedural_easy", "procedural_few_easy"])
+def test_easy_worlds_can_be_crossed_between_opposite_corners(worlds: dict[str, list[Layout]], name: str) -> None:
+    """By hand: nothing overlaps and 0.15 u is wider than the vehicle, so there is always a way."""
+    vehicle = Vehicle.load("vehicle", "default")
+    for index, world in enumerate(worlds[name][:100]):
+        start, goal = (world.corner(corner).mean(0) for corner in (index % 4, 3 - index % 4))
+        assert crossable(world, vehicle, start, goal)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_same_generator_state_draws_the_same_world(worlds: dict[str, list[Layout]], name: str) -> None:
+    """Against the worlds drawn before, in another order; and all of those differ."""
+    rules = Procedural.load("layout", name)
+    for seed in (3, 1):
+        assert rules.draw(generator(seed, "worlds")) == worlds[name][seed]
+    rng = generator(3, "worlds")
+    assert rules.draw(rng) != rules.draw(rng)
+    assert len({world.circles for world in worlds[name]}) == SEEDS
+
+
+kinds = st.builds(Property, effect=st.sampled_from([*EFFECTS, "none"]), channel=st.just("b"), spaced=st.booleans())
+
+
+@st.composite
+def feasible(draw: st.DrawFn) -> Procedural:
+    """Rules whose spaced circles, with half the gap around each, cover at most 40 % of the arena at their smallest."""
+    size = (draw(st.floats(1, 4)), draw(st.floats(1, 4)))
+    gap, corner = draw(st.floats(0, 0.15)) * min(size), draw(st.floats(0.05, 0.3)) * min(size)
+    room = min(min(size) / 2 - gap, math.hypot(*(side / 2 - corner for side in size)))
+    largest = draw(st.floats(0.1, 0.9)) * room
+    smallest = draw(st.floats(0.1, 1.0)) * largest
+    properties = draw(st.lists(kinds, min_size=1, max_size=4, unique_by=lambda kind: kind.effect))
+    count_of = draw(st.sampled_from(["property", "world"]))
+    groups = len(properties) if count_of == "property" else 1
+    free = (size[0] - gap) * (size[1] - gap) - 4 * corner**2
+    most = int(0.4 * free / (math.pi * (smallest + gap / 2) ** 2)) // groups
+    fewest = draw(st.integers(1, max(1, min(most, 12 // groups))))
+    values = {"size": size, "gap": gap, "corner_side": corner, "start_margin": corner / 3, "start_side": corner / 2}
+    return easy(
+        **values,
+        channels=("a", "b"),
+        border_channel="a",
+        count=(fewest, fewest + draw(st.integers(0, 4))),
+        count_of=count_of,
+        radius=(smallest, largest),
+        properties=properties,
+    )
+
+
+@quick
+@given(feasible(), st.integers(0, 2**32 - 1))
+def test_worlds_of_other_rules_obey_them(rules: Procedural, seed: int) -> None:
+    """Brute force, as above."""
+    groups = len(rules.properties) if rules.count_of == "property" else 1
+    try:
+        world = rules.draw(np.random.default_rng(seed))
+    except ValueError:
+        # A handful of circles of nearly the arena's size may really not fit.
+        assert rules.count[0] * groups > 1 and rules.radius[0] + rules.gap / 2 > min(rules.size) / 8
+        return
+    assert broken_rules(world, rules) == []
+
+
+def test_a_single_circle_that_just_fits_is_placed() -> None:
+    """By hand: the largest radius allowed leaves one height for the centre."""
+    rules = easy(radius=[0.849, 0.849], count=[1, 1], count_of="world", corner_side=0.31)
+    for seed in range(20):
+        assert broken_rules(rules.draw(np.random.default_rng(seed)), rules) == []
+
+
+@pytest.mark.parametrize("changes", [{"radius": [0.4, 0.5]}, {"gap": 0.5, "radius": [0.1, 0.1]}])
+def test_impossible_rules_end_with_a_sentence(changes: dict[str, Any]) -> None:
+    """50 circles whose area alone exceeds the arena's; within seconds."""
+    rules = easy(count=[50, 50], count_of="world", **changes)
+    begin = time.process_time()
+    with pytest.raises(ValueError, match="no world was found") as caught:
+        rules.draw(np.random.default_rng(0))
+    assert time.process_time() - begin < 10
+    wanted = ["layout 'procedural_easy'", "count = [50, 50]", f"radius = {list(rules.radius)}", f"gap = {rules.gap}"]
+    assert [part for part in [*wanted, "smaller"] if part not in str(caught.value)] == []
+
+
+def obstacle(**changes: Any) -> dict[str, Any]:
+    return {"effect": "obstacle", "channel": "solid", "spaced": True, **changes}
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"count": [7, 6]}, ["count = [7, 6]", "smaller value first"]),
+        ({"count": [0, 6]}, ["count[0] = 0", "greater than 0"]),
+        ({"count": [6]}, ["count[1] is missing"]),
+        ({"count_of": "arena"}, ["count_of = 'arena'", "'property' or 'world'"]),
+        ({"radius": [0.5, 0.1]}, ["radius = [0.5, 0.1]", "smaller value first"]),
+        ({"radius": [0.0, 0.1]}, ["radius[0] = 0.0", "greater than 0"]),
+        ({"radius": [0.1, math.nan]}, ["radius[1] = nan", "finite number"]),
+        ({"radius": [0.1, 0.86]}, ["radius = [0.1, 0.86]", "size [3.0, 2.0]", "gap = 0.15", "fits has radius 0.85"]),
+        (
+            {"corner_side": 1.0, "gap": 0.0, "radius": [0.1, 0.6]},
+            ["radius = [0.1, 0.6]", "corner_side = 1.0", "fits has radius 0.5"],
+        ),
+        ({"gap": -0.1}, ["gap = -0.1", "greater than or equal to 0"]),
+        ({"gap": 1.2}, ["gap = 1.2", "fits has radius -0.2"]),
+        ({"corner_side": 0.29}, ["corner_side = 0.29", "at least start_margin + start_side = 0.3"]),
+        ({"corner_side": 1.1}, ["corner_side = 1.1", "size [3.0, 2.0]", "at most 1."]),
+        ({"properties": [obstacle(channel="sea")]}, ["properties[0].channel = 'sea'", "['solid', 'fog', 'force_up'"]),
+        ({"properties": [obstacle(), obstacle(effect="wall")]}, ["properties[1].effect = 'wall'", "'fog'"]),
+        ({"properties": [obstacle(colour="red")]}, ["properties[0].colour = 'red'", "not a known key"]),
+        ({"properties": []}, ["properties = []", "at least 1 item"]),
+        ({"channels": ["solid"] * 2}, ["channels = ['solid', 'solid']", "give each its own name"]),
+        ({"border_channel": "sea"}, ["border_channel = 'sea'", "one of channels ['solid'"]),
+        ({"size": [3.0, 0.0]}, ["size[1] = 0.0", "greater than 0"]),
+        ({"circles": []}, ["circles = []", "not a known key"]),
+    ],
+)
+def test_bad_input_is_named_with_file_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
+    """Golden parts of the message."""
+    with pytest.raises(ConfigError) as caught:
+        easy(**changes)
+    message = str(caught.value)
+    assert message.startswith("conf/layout/procedural_easy.yaml: ")
+    assert [part for part in parts if part not in message] == [], message
+
+
+def test_corner_squares_that_just_cover_the_start_squares_are_allowed() -> None:
+    """0.1 + 0.2 exceeds 0.3 in floating point."""
+    assert easy(corner_side=0.3).draw(np.random.default_rng(0)).corner(0).max() <= 0.3 + 1e-9
+
+
+@pytest.mark.parametrize("key", sorted(Procedural.model_fields))
+def test_a_missing_key_is_named(key: str) -> None:
+    content = {name: value for name, value in read("layout", "procedural_easy").items() if name != key}
+    with pytest.raises(ConfigError, match=f"^conf/layout/x.yaml: {key} is missing; add the key.$"):
+        Procedural.checked(content, "conf/layout/x.yaml")
