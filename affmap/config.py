@@ -28,14 +28,20 @@ from affmap.training.settings import TrainingSettings
 
 def _layout(name: Any) -> Any:
     """The layout of `conf/layout/<name>.yaml`; whatever is no name is left to the next check."""
+    if isinstance(name, str) and _is_procedural(name):
+        raise ValueError("is procedural, which only control_layout may be; name a fixed layout")
     return Layout.load("layout", name) if isinstance(name, str) else name
 
 
 def _any_layout(name: Any) -> Any:
     """The same, fixed or procedural."""
-    if isinstance(name, str) and "properties" in read("layout", name):
+    if isinstance(name, str) and _is_procedural(name):
         return Procedural.load("layout", name)
     return _layout(name)
+
+
+def _is_procedural(name: str) -> bool:
+    return "properties" in read("layout", name)
 
 
 NamedLayout = Annotated[Layout, BeforeValidator(_layout)]
@@ -69,7 +75,7 @@ class Config(Settings):
     """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
     world: str
     """Layout (a file of `conf/layout`) of everything that names no other."""
-    training_layouts: tuple[NamedLayout, ...] = Field(min_length=1)
+    training_layouts: tuple[NamedLayout, ...]
     """Where data are collected, in equal parts."""
     control_layout: Annotated[Layout | Procedural, BeforeValidator(_any_layout)]
     """Where agents fly; a procedural one gives each run a world of its own."""
@@ -86,11 +92,15 @@ class Config(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for layout in (*self.training_layouts, self.control_layout, self.map_layout):
+        if not self.training_layouts:
+            raise ValueError("training_layouts = [] names no layout; data must come from somewhere.")
+        named = [("control_layout", self.control_layout), ("map_layout", self.map_layout)]
+        for key, layout in [*named, *(("training_layouts", layout) for layout in self.training_layouts)]:
             if layout.channels != self.channels:
                 raise ValueError(
-                    f"layout {layout.name!r} has channels {list(layout.channels)}, but training_layouts[0] "
-                    f"({self.training_layouts[0].name!r}) has {list(self.channels)}; a model sees the same ones everywhere."
+                    f"{key} = {layout.name!r} has channels {list(layout.channels)}, but "
+                    f"{self.training_layouts[0].name!r}, where data are collected, has {list(self.channels)}; "
+                    "a model sees the same ones everywhere."
                 )
         if isinstance(self.control_layout, Layout):
             self.control_layout.check_corners(self.vehicle.radius)
@@ -138,7 +148,8 @@ class Config(Settings):
 
 def label(config: Config) -> str:
     """What tells a job from the others of its sweep."""
-    return f"{config.control_layout.name}, context size {config.model.context_size}, {config.planner.kind}, {config.lookup.name}"
+    layout, size = config.control_layout.name, config.model.context_size
+    return f"{layout}, context size {size}, {config.planner.kind}, {config.lookup.name}"
 
 
 def plain(config: Any) -> dict[str, Any]:

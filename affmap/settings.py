@@ -68,6 +68,8 @@ def sentence(item: ErrorDetails, values: Mapping[str, Any]) -> str:
         return f"{key}.kind = {item['ctx']['tag']!r} is not allowed: it should be {tags}."
     if item["type"] == "value_error" and isinstance(item["input"], Mapping):
         return f"{key}: {problem}" if key else problem  # a check of several keys names them and their values itself
+    if isinstance(item.get("ctx", {}).get("error"), ConfigError):
+        return f"{key} = {item['input']!r}: {problem}"  # the value names a file with a mistake of its own
     return f"{key} = {item['input']!r} is not allowed: it {problem}."
 
 

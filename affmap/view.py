@@ -60,8 +60,16 @@ def view(world: Map, positions: Any) -> Any:
 
 
 def views(worlds: Sequence[Map], positions: Any) -> Any:
-    """Views in several worlds: B maps and `positions` `[B, ..., 2]`, or a single map for all: `[B, ..., K, 11, 11]`."""
+    """Views in several worlds: B maps and `positions` `[B, ..., 2]`, or a single map for all: `[B, ..., K, 11, 11]`.
+
+    Raises:
+        ValueError: another number of maps.
+    """
     if len(worlds) == 1:
         return view(worlds[0], positions)
+    if len(worlds) != len(positions):
+        raise ValueError(
+            f"there are {len(worlds)} maps; give one, or {len(positions)}, as many as there are positions."
+        )
     xp = array_namespace(positions)
     return xp.stack([view(world, of_world) for world, of_world in zip(worlds, positions, strict=True)])

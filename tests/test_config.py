@@ -10,12 +10,14 @@ import yaml
 
 from affmap import sweep
 from affmap.config import Config, label
+from affmap.env.procedural import Procedural
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.settings import ConfigError, folder
 
 CONF = folder()
-GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "hydra")
+GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout"))
+LAYOUTS = sorted(path.stem for path in (CONF / "layout").glob("*.yaml"))
 OPTIONS = [(group, path.stem) for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
 Values = dict[str, Any]
 
@@ -43,6 +45,9 @@ def by_hand(**options: str) -> Values:
         else:
             root[group] = content(path)
     root["output"] = root["output"].replace("${name}", root["name"])
+    root["training_layouts"] = [name.replace("${world}", root["world"]) for name in root["training_layouts"]]
+    for key in ("control_layout", "map_layout"):
+        root[key] = root[key].replace("${world}", root["world"])
     return root
 
 
@@ -85,7 +90,8 @@ def test_every_file_is_an_option_of_a_group_of_the_root() -> None:
     root = content(CONF / "config.yaml")["defaults"]
     groups = {key.removeprefix("override ") for entry in root if isinstance(entry, dict) for key in entry}
     assert {group for group in groups if not group.startswith("hydra/")} == set(GROUPS)
-    known = {CONF / "config.yaml", *(CONF / group / f"{option}.yaml" for group, option in OPTIONS)}
+    options = [*OPTIONS, *(("layout", name) for name in LAYOUTS)]  # layouts are chosen by name, not by Hydra
+    known = {CONF / "config.yaml", *(CONF / group / f"{option}.yaml" for group, option in options)}
     assert {path for path in CONF.rglob("*.yaml") if "hydra" not in path.parts} == known
     assert {str(path.relative_to(CONF)) for path in CONF.glob("hydra/**/*.yaml")} == {
         f"hydra/{group}/affmap.yaml" for group in ("hydra_logging", "job_logging")
@@ -105,7 +111,7 @@ def test_every_job_of_every_experiment_at_every_scale_can_be_used(experiment: st
     """As many as the product of the sweep's values, all different; smoke runs say so and go elsewhere."""
     found = jobs(experiment, scale)
     swept = content(CONF / "experiment" / f"{experiment}.yaml")["sweep"]
-    assert len(found) == math.prod(len(str(value).split(",")) for value in swept.values()) > 1
+    assert len(found) == math.prod(len(str(value).split(",")) for value in swept.values())
     assert len({job.control_stage.digest for job in found}) == len(found)
     for job in found:
         assert job.name == experiment
@@ -126,11 +132,15 @@ BAD: list[tuple[str, Any, str]] = [
     ("output", 3, "path"),
     ("sweep", "planner", "valid dictionary"),
     ("memebrs", 3, "not a known key"),
-    ("layout.size", [3.0], "missing"),
-    ("layout.size", [3.0, -2.0], "greater than 0"),
-    ("layout.circles", [{"center": [9, 9], "radius": 1, "effect": "fog", "channel": "solid"}], "outside the arena"),
-    ("layout.start_margin", 0.01, "too small for a vehicle of radius 0.06"),
-    ("layout.border_channel", "air", "not one of channels"),
+    ("world", 3, "valid string"),
+    ("training_layouts", [], "names no layout"),
+    ("training_layouts", "original", "valid tuple"),
+    ("training_layouts", ["moon"], "does not exist"),
+    ("training_layouts", ["procedural_easy"], "which only control_layout may be"),
+    ("control_layout", "moon", "does not exist"),
+    ("control_layout", "fog", "a model sees the same ones everywhere"),
+    ("map_layout", "three_looks", "a model sees the same ones everywhere"),
+    ("growth", 3, "valid string"),
     ("vehicle.radius", -0.06, "greater than 0"),
     ("vehicle.mass", math.nan, "finite number"),
     ("vehicle.thrust", math.inf, "finite number"),
@@ -180,6 +190,14 @@ BAD: list[tuple[str, Any, str]] = [
     ("control.goal_radius", 0.0, "greater than 0"),
     ("control.device", "tpu", "pattern"),
     ("report.map_spacing", 0.0, "greater than 0"),
+    ("report.snapshots", "some", "valid boolean"),
+    ("report.partial", "some", "valid boolean"),
+    ("report.compare", 3, "valid string"),
+    ("report.claims", "exp6", "'exp5'"),
+    ("report.color", "red", "'planner' or 'layout'"),
+    ("report.names", "EB", "valid dictionary"),
+    ("report.outcome", "luck", "'mean_distance' or 'success'"),
+    ("report.axes", [0, 1], "valid dictionary"),
 ]
 
 
@@ -210,14 +228,14 @@ def test_bad_values_of_the_gradient_planner_are_named() -> None:
 def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     """A key that is added without one fails here."""
     listed = {key for key, _, _ in BAD}
-    free = {"name", "title", "store", "reference", "output", "notice", "sweep", "layout.name"}
+    free = {"name", "title", "store", "reference", "output", "notice", "sweep"}
     keys = {
         f"{group}.{key}" if isinstance(group_values, dict) and group != "sweep" else group
         for group, group_values in by_hand().items()
         for key in (group_values if isinstance(group_values, dict) and group != "sweep" else [""])
     }
-    physics = {key for key in keys if key.startswith(("vehicle.", "layout."))}  # tests/env have theirs
-    assert keys - listed - free - physics - {"report.compare"} == set()
+    physics = {key for key in keys if key.startswith("vehicle.")}  # tests/env have theirs
+    assert keys - listed - free - physics == set()
 
 
 def test_every_missing_key_is_named(values: Values) -> None:
@@ -248,10 +266,21 @@ def test_several_bad_values_are_all_named_each_with_its_file() -> None:
 
 
 def test_keys_that_do_not_go_together_are_named(values: Values) -> None:
-    """A start corner must be free."""
-    blocking = {"center": [0.2, 0.2], "radius": 0.1, "effect": "obstacle", "channel": "solid"}
-    with pytest.raises(ConfigError, match=r"layout 'original': circles\[0\] .* blocks the start corner"):
-        checked(values, layout__circles=[blocking])
+    """A start corner must be free for the vehicle."""
+    with pytest.raises(ConfigError, match=r"layout 'original': .* too small for a vehicle of radius 0.11"):
+        checked(values, vehicle__radius=0.11)
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_every_layout_can_be_used(name: str) -> None:
+    """As the world of everything, or, a procedural one, where its properties were learned."""
+    if "circles" in content(CONF / "layout" / f"{name}.yaml"):
+        (config,) = sweep.jobs([f"world={name}"])
+        assert config.training_layouts == (config.control_layout,) == (config.map_layout,)
+    else:
+        (config,) = sweep.jobs(["world=training_fog", f"control_layout={name}"])
+        assert isinstance(config.control_layout, Procedural)
+    assert config.control_layout.name == name
 
 
 STAGES = ("data", "train", "map", "control")
@@ -261,8 +290,12 @@ STAGES = ("data", "train", "map", "control")
 CHANGES: list[tuple[str, Any, str]] = [
     ("data.seed", 1, "data train map control"),
     ("data.num_steps", 299, "data train map control"),
-    ("layout.name", "other", "data train map control"),
-    ("layout.circles", [], "data train map control"),
+    ("training_layouts", ["two_obstacles"], "data train map control"),
+    ("training_layouts", ["original", "two_obstacles"], "data train map control"),
+    ("control_layout", "two_obstacles", "control"),
+    ("map_layout", "two_obstacles", "map"),
+    ("world", "two_obstacles", ""),  # its name; the layouts follow it in Hydra's composition
+    ("growth", "other", ""),
     ("vehicle.contact_damping", 15.0, "data train map control"),
     ("seed", 1, "train map control"),
     ("members", 24, "train map control"),
@@ -290,7 +323,14 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("store", "elsewhere", ""),
     ("reference", "elsewhere", ""),
     ("sweep", {"seed": "1,2"}, ""),
-    ("report.compare", "lookup_spacing", ""),
+    ("report.snapshots", True, "map"),
+    ("report.compare", "lookup.spacing", ""),
+    ("report.partial", True, ""),
+    ("report.claims", "exp2", ""),
+    ("report.color", "layout", ""),
+    ("report.names", {}, ""),
+    ("report.outcome", "success", ""),
+    ("report.axes", {}, ""),
 ]
 
 
@@ -309,7 +349,7 @@ def test_a_change_makes_those_stages_anew_that_depend_on_it(values: Values, key:
 
 def test_every_number_of_a_group_changes_the_stages_of_its_group(values: Values) -> None:
     """Each number of each group in turn, changed a little; so none is forgotten in a digest."""
-    first = {"layout": "data", "vehicle": "data", "data": "data", "model": "train", "training": "train"}
+    first = {"vehicle": "data", "data": "data", "model": "train", "training": "train"}
     first |= {"lookup": "control", "planner": "control", "control": "control"}
     before = digests(checked(values))
     for group, stage in first.items():
@@ -324,6 +364,29 @@ def test_planners_share_models_and_context_sizes_share_data() -> None:
     """Experiment I: one data set, a training and a map a context size, a control stage a job."""
     counts = [len({digests(job)[name] for job in jobs("exp1", "full")}) for name in STAGES]
     assert counts == [1, 5, 5, 10]
+
+
+def test_experiments_find_the_models_of_experiment_1() -> None:
+    """II needs no training of its own, III one for its hard condition; V trains once for both conditions."""
+    trained = {name: {digests(job)["train"] for job in jobs(name, "full")} for name in ("exp1", "exp2", "exp3", "exp5")}
+    assert trained["exp2"] == trained["exp1"] and len(trained["exp1"]) == 5
+    assert len(trained["exp3"]) == 10 and trained["exp3"] > trained["exp1"]
+    assert len(trained["exp5"]) == 7 and len(jobs("exp5", "full")) == 14
+    original = {digests(job)["control"] for job in jobs("exp1", "full")}
+    assert len(original & {digests(job)["control"] for job in jobs("exp2", "full")}) == 5
+
+
+def test_the_experiments_numbers_are_the_paper_s() -> None:
+    """Sections 5.4 to 5.7 and Appendix A, by hand."""
+    assert {job.control.beta for job in jobs("exp4", "full")} == {10.0}
+    for job in jobs("exp5", "full"):
+        assert (job.training.vision_lr, job.training.transition_lr) == pytest.approx((0.000075, 0.0008))
+        assert job.training.num_epochs == 500 and len(job.training_layouts) == 4
+        assert {circle.effect for layout in job.training_layouts for circle in layout.circles} == set(job.channels) - {
+            "solid"
+        } | {"obstacle"}
+    (growth,) = jobs("exp3_growth", "full")
+    assert (*growth.training.snapshot_epochs, growth.training.num_epochs) == (1, 2, 5, 10, 30, 100)
 
 
 def test_seeds_planners_and_labels() -> None:

@@ -76,7 +76,6 @@ def test_several_experiments_at_once_are_refused(line: list[str]) -> None:
         (["model.contextsize=3"], "Could not override 'model.contextsize'"),
         (["planner=oracle"], "Could not find 'planner/oracle'(.|\n)*cem(.|\n)*gradient"),
         (["experiment=exp99"], "Could not find 'experiment/exp99'(.|\n)*exp1"),
-        (["layout=moon"], "Could not find 'layout/moon'(.|\n)*original"),
         (["model.context_size"], "model.context_size"),
         (["model.context_size=[1"], "no viable alternative at input .\\[1"),
         (["planner=gradient", "planner.num_elites=3"], "planner.num_elites"),
@@ -86,6 +85,21 @@ def test_a_line_that_hydra_does_not_understand_is_told(line: list[str], message:
     """The part that is wrong, and the options there are."""
     with pytest.raises(HydraException, match=message):
         sweep.jobs(sweep.complete(line))
+
+
+@pytest.mark.parametrize("key", ["world", "control_layout", "map_layout", "training_layouts"])
+def test_a_layout_that_does_not_exist_is_told(key: str) -> None:
+    """Its name, and those that there are."""
+    with pytest.raises(ConfigError, match=r"conf/layout/moon.yaml does not exist; conf/layout holds: .*original"):
+        sweep.jobs([f"{key}=[moon]" if key == "training_layouts" else f"{key}=moon"])
+
+
+def test_another_experiment_with_the_same_command_line() -> None:
+    """By hand: what is dropped, what is replaced, and what stays."""
+    line = sweep.complete(["experiment=exp3", "scale=smoke", "++seed=3", "model.context_size=0,8"])
+    swept = ("planner", "world", "model.context_size")
+    assert sweep.instead(line, "exp3_growth", swept) == ["scale=smoke", "++seed=3", "experiment=exp3_growth"]
+    assert sweep.instead(["output=a"], "exp1", ("output",)) == ["experiment=exp1"]
 
 
 def test_a_bad_value_in_one_job_of_a_sweep_is_told_before_any_starts() -> None:

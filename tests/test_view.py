@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from affmap.view import EXTENT, PIXELS, Map, view
+from affmap.view import EXTENT, PIXELS, Map, view, views
 
 quick = settings(max_examples=60, deadline=None, derandomize=True)
 
@@ -123,6 +123,19 @@ def test_a_batch_of_any_shape_equals_each_alone(shape: tuple[int, ...]) -> None:
     assert batch.shape == (*shape, 2, PIXELS, PIXELS)
     for index in np.ndindex(*shape):
         np.testing.assert_array_equal(batch[index], view(world, positions[index]))
+
+
+@pytest.mark.parametrize("shape", [(), (4,), (2, 3)])
+def test_views_of_several_worlds_are_those_of_each(shape: tuple[int, ...]) -> None:
+    """Each world by itself; a single world is everybody's; other numbers of worlds are refused."""
+    worlds = [Map((3.0, 2.0), 2, 0, ((0.5 + x, 1.0, 0.4, 1),)) for x in (0.0, 0.7, 1.4)]
+    positions = np.random.default_rng(0).uniform([1.2, 0.8], [1.8, 1.2], (3, *shape, 2))
+    expected = [view(world, own) for world, own in zip(worlds, positions, strict=True)]
+    np.testing.assert_array_equal(views(worlds, positions), expected)
+    assert not np.array_equal(expected, view(worlds[0], positions))
+    np.testing.assert_array_equal(views(worlds[:1], positions), view(worlds[0], positions))
+    with pytest.raises(ValueError, match="there are 2 maps; give one, or 3"):
+        views(worlds[:2], positions)
 
 
 def test_pixels_and_extent_are_the_papers() -> None:

@@ -60,6 +60,20 @@ def test_the_same_seed_gives_bit_equal_data_and_another_seed_others(layout: Layo
             assert (first[key][sequence] != other[key][sequence]).any(), key
 
 
+def test_several_worlds_follow_each_other_each_with_its_own_views_and_walls() -> None:
+    """The first world's sequences are those collected there alone; all are flown differently, in their own world."""
+    empty = Layout.load("layout", "original", circles=[])
+    both = collect([LAYOUT, empty], VEHICLE, exploration())
+    alone = collect([LAYOUT], VEHICLE, exploration())
+    for key, array in both.items():
+        assert len(array) == 8
+        np.testing.assert_array_equal(array[:4], alone[key], err_msg=key)
+    assert len({array.tobytes() for array in both["action"]}) == 8
+    for layout, part in ((LAYOUT, slice(0, 4)), (empty, slice(4, 8))):
+        seen = view(layout.map, both["true_position"][part, :-1].astype(float))
+        assert (seen != both["view"][part]).mean() < 1e-3  # positions are kept in float32
+
+
 @pytest.mark.parametrize("layout", [LAYOUT, fog()], ids=["original", "fog"])
 def test_a_sequence_does_not_depend_on_how_many_there_are(layout: Layout) -> None:
     """The same alone: two sequences are the first two of four; and all differ."""

@@ -128,6 +128,14 @@ def test_the_order_follows_from_seed_and_epoch_alone(path: Path) -> None:
         assert order(data.train_dataloader()) == orders[0, epoch]
 
 
+def test_each_world_keeps_its_last_sequences_for_validation(path: Path) -> None:
+    """Nine sequences as three worlds of three, one of each for validation."""
+    data = module(path, num_sequences=3, num_validation=1)
+    assert sorted(order(data.val_dataloader())) == [2, 5, 8]
+    assert sorted(order(data.train_dataloader())) == [0, 1, 3, 4, 6, 7]
+    assert order(data.train_dataloader()) != [0, 1, 3, 4, 6, 7]  # worlds are mixed
+
+
 def test_96_updates_an_epoch_at_the_paper_s_scale(tmp_path: Path) -> None:
     """Appendix A: 160 sequences of 300 steps, batches of 10, an update every 50 steps: 16 x 6; 40 for validation."""
     settings = Exploration.load("data", "default")

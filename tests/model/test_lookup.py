@@ -213,6 +213,21 @@ def test_members_of_a_map_see_their_own_codes() -> None:
 
 
 @pytest.mark.parametrize("settings", [EXACT, COARSE])
+def test_problems_in_worlds_of_their_own_are_each_alone(settings: LookupSettings) -> None:
+    """Three members with two problems each, five paths a problem: against one member's look-up in one world."""
+    worlds = [Map((3.0, 2.0), 1, 0, ((0.4 + 0.4 * number, 1.0, 0.3, 0),)) for number in range(6)]
+    positions = places(3, 10, margin=0.2)  # [M, problems * paths, 2], problem-major
+    codes = make_lookup(settings, stack(*SEEDS), worlds)(positions)
+    assert codes.shape == (3, 10, 3)
+    for number, world in enumerate(worlds):
+        member, own = number // 2, slice(5 * (number % 2), 5 * (number % 2) + 5)
+        alone = make_lookup(settings, stack(SEEDS[member]), [world])(positions[member : member + 1, own])
+        torch.testing.assert_close(codes[member, own], alone[0])
+    shared = make_lookup(settings, stack(*SEEDS), worlds[:1])(positions)
+    assert (codes - shared).abs().max() > 1e-2
+
+
+@pytest.mark.parametrize("settings", [EXACT, COARSE])
 def test_without_a_context_codes_are_empty(settings: LookupSettings) -> None:
     lookup = make_lookup(settings, stack(4, 5, context_size=0), [WORLD])
     assert lookup(places(2, 3, 4)).shape == (2, 3, 4, 0)

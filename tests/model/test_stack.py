@@ -22,6 +22,19 @@ def test_a_member_of_a_stack_is_the_member_alone(context_size: int) -> None:
         assert not torch.equal(together[name][:1], parameter), name
 
 
+@pytest.mark.parametrize("context_size", [0, 8])
+def test_selected_members_are_those_alone(context_size: int) -> None:
+    """Against stacks of the selected seeds, in the order asked for; a copy, which leaves the whole as it was."""
+    whole = stack(context_size, [3, 7, 9])
+    chosen = whole.select([2, 0])
+    assert chosen.seeds == (9, 3)
+    for name, parameter in stack(context_size, [9, 3]).state_dict().items():
+        assert torch.equal(chosen.state_dict()[name], parameter), name
+    with torch.no_grad():
+        chosen.transition.output_bias.zero_()
+    assert whole.transition.output_bias.all()
+
+
 def test_initial_weights_are_those_of_2026() -> None:
     """Stored in 2026-11: SHA-256 of all initial weights of seed 0 in the order of their names, and the first ones.
 
