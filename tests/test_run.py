@@ -17,11 +17,13 @@ import yaml
 from affmap import run, stages, sweep
 from affmap.config import Config
 from affmap.env import Layout
+from affmap.env.procedural import Procedural
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import Stack
-from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
-from affmap.settings import ConfigError
 from affmap.model.weights import restore
+from affmap.random import generator
+from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Job, Results
+from affmap.settings import ConfigError
 
 COMMAND = Path(sys.executable).parent / "affmap"
 TINY = [
@@ -80,6 +82,14 @@ def jobs(folder: Path, *overrides: str) -> list[Config]:
     return sweep.jobs(sweep.complete(line(folder, *overrides)))
 
 
+def found(folder: Path, *overrides: str) -> Job:
+    """The one job of a command line, complete."""
+    (config,) = jobs(folder, *overrides)
+    job = stages.find(config)
+    assert job is not None
+    return job
+
+
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep of two context sizes, as the console script leaves it."""
@@ -122,10 +132,12 @@ def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
     assert list(results.runs.columns) == RUN_COLUMNS
     rows = results.runs[["context_size", "planner", "member", "run"]].to_numpy().tolist()
     assert rows == [[c, "cem", m, r] for c in (0, 1) for m in (0, 1) for r in range(4)]
-    assert set(results.validation.columns) == {"context_size", *VALIDATION_COLUMNS}
+    assert set(results.validation.columns) == {"layout", "context_size", *VALIDATION_COLUMNS}
     assert len(results.validation) == 2 * 2 * 2
-    trajectories = results.trajectories(1, "cem")
-    assert trajectories is not None
+    job = results.job(1, "cem", "original")
+    assert job is not None
+    trajectories = results.trajectories(job)
+    assert trajectories.in_fog.shape == trajectories.reached.shape == (8, 3)
     assert trajectories.position.shape == (8, 4, 2) and trajectories.planned_position.shape == (8, 3, 20, 2)
     layout = Layout.load("layout", "original")
     for (start, goal), number in zip(
@@ -134,8 +146,12 @@ def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
         for place, corner in ((start, number), (goal, 3 - number)):
             low, high = layout.corner(int(corner))
             assert (place >= low - 1e-6).all() and (place <= high + 1e-6).all()
-    assert results.maps[1].codes.shape == (2, 9, 13, 1) and results.maps[1].member.tolist() == [0, 1]
-    assert results.exploration.counts.sum() == 4 * 21
+    maps = results.maps("original")[1]
+    assert maps.codes.shape == (2, 9, 13, 1) and maps.member.tolist() == [0, 1] and maps.snapshots == {}
+    assert results.exploration.counts.shape == (1, 20, 30) and results.exploration.counts.sum() == 4 * 21
+    assert len(results.worlds(job)) == 8 and set(results.worlds(job)) == {results.map_world(job)}
+    assert results.training_worlds(job) == [results.map_world(job)]
+    assert results.runs["crossable"].all() and not results.runs["steps_in_fog"].any()
 
 
 def test_running_it_again_changes_nothing(
@@ -200,7 +216,7 @@ def test_a_single_setting_shares_what_a_sweep_has_made(swept: Path) -> None:
     after = contents(swept / "store")
     assert {name: after[name] for name in before} == before
     assert {Path(name).parts[0] for name in set(after) - set(before)} == {"control"}
-    table = pd.read_csv(run._found(jobs(swept, *overrides))[0].control / "runs.csv")
+    table = pd.read_csv(found(swept, *overrides).control / "runs.csv")
     assert set(table["planner"]) == {"gradient"} and set(table["context_size"]) == {1} and len(table) == 8
 
 
@@ -270,15 +286,15 @@ def test_reference_models_are_controlled_without_training(swept: Path, tmp_path:
     (tmp_path / "reference" / "train").symlink_to(swept / "store" / "train")
     job = stages.run(config)
     assert not (tmp_path / "store" / "train").exists() and (tmp_path / "reference") in job.train.parents
-    (found,) = run._found(jobs(swept, "model.context_size=1"))
-    assert (job.control / "runs.csv").read_bytes() == (found.control / "runs.csv").read_bytes()
-    assert job.control.name != found.control.name
+    trained = found(swept, "model.context_size=1")
+    assert (job.control / "runs.csv").read_bytes() == (trained.control / "runs.csv").read_bytes()
+    assert job.control.name != trained.control.name
 
 
 def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
     """Computed again from the trajectories, one member and run at a time, with a map and exact look-ups made anew."""
     (config,) = jobs(swept, "planner=cem", "model.context_size=1")
-    (job,) = run._found([config])
+    job = found(swept, "planner=cem", "model.context_size=1")
     table = pd.read_csv(job.control / "runs.csv")
     whole = restore(Stack(config.model, 1, config.seeds), job.train / "weights.safetensors")
     with np.load(job.control / "trajectories.npz") as arrays:
@@ -288,9 +304,59 @@ def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
     for b, error in enumerate(table["lookup_error"]):
         member = config.seeds.index(table["member"][b])
         path = positions[b].expand(config.members, -1, -1)
-        found = (painted(path) - exact(path))[member].abs().mean()
-        assert error == pytest.approx(found.item(), abs=2e-6)
+        expected = (painted(path) - exact(path))[member].abs().mean()
+        assert error == pytest.approx(expected.item(), abs=2e-6)
     assert table["lookup_error"].nunique() > 2
+
+
+def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_settings_share(tmp_path: Path) -> None:
+    """Experiment V's worlds: eight different ones, drawn again from member and run, the same at each context size."""
+    four = "training_layouts=[training_obstacles,training_fog,training_force_up,training_force_down]"
+    overrides = [four, "control_layout=procedural_few_easy", "map_layout=four_properties"]
+    drawn = Procedural.load("layout", "procedural_few_easy")
+    expected = [drawn.draw(generator(member, "world", run)) for member in (0, 1) for run in range(4)]
+    for size in (0, 1):
+        (config,) = jobs(tmp_path, *overrides, f"model.context_size={size}")
+        job = stages.run(config)
+        flown = [Layout.checked(layout, "here") for layout in json.loads((job.control / "layouts.json").read_text())]
+        assert flown == expected and len({layout.map for layout in flown}) == 8
+        results = Results((job,))
+        assert results.layouts == ["procedural_few_easy"] and results.map_world(job).name == "four_properties"
+        assert [world.name for world in results.training_worlds(job)] == [
+            layout.name for layout in config.training_layouts
+        ]
+        worlds = [[(c.x, c.y, c.radius, c.effect) for c in world.circles] for world in results.worlds(job)]
+        assert worlds == [[(*c.center, c.radius, c.effect) for c in layout.circles] for layout in expected]
+        assert results.exploration.counts.shape == (4, 20, 30)
+
+
+def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
+    """Experiment III brings its longer training along: maps of all snapshots, the last of which are the maps."""
+    overrides = ["experiment=exp3", "model.context_size=1", "world=three_looks"]
+    result = command(tmp_path, *overrides)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "exp3_growth: all 1 settings are complete" in result.stdout
+    asked = run._sweep([*line(tmp_path), *overrides])
+    results, missing = run._results(asked)
+    assert missing == "" and results.growth is not None and len(results.jobs) == 1
+    maps = results.growth_maps
+    assert maps is not None and maps.epochs.tolist() == [1, 2] and maps.codes.shape == (2, 9, 13, 8)
+    np.testing.assert_array_equal(maps.snapshots[2].codes, maps.codes)
+    assert np.abs(maps.snapshots[1].codes - maps.codes).max() > 0
+    assert np.abs(maps.snapshots[1].codes - maps.initial_codes).max() > 0
+    assert not results.maps()[1].snapshots  # of the experiment itself they are not wanted
+
+
+def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
+    """On request only: the two settings of three that are complete, and a sentence about the third."""
+    wanted = [*line(swept), "planner=cem", "model.context_size=0,1,3"]
+    results, missing = run._results(run._sweep([*wanted, "report.partial=true"]))
+    assert [job.context_size for job in results.jobs] == [0, 1]
+    assert missing == "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u)"
+    with pytest.raises(ConfigError, match="1 of 3 settings are not complete"):
+        run._results(run._sweep(wanted))
+    with pytest.raises(ConfigError, match="1 of 1 settings are not complete"):
+        run._results(run._sweep([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
 
 
 def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
@@ -301,7 +367,7 @@ def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
     for entry in ("affmap-report", "affmap-publish"):
         assert in_process(monkeypatch, entry, line(swept, "model.context_size=0,1,3")) == 2
         assert (
-            "1 of 3 settings are not complete (context size 3, cem, map of 0.25 u); run `affmap`"
+            "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u); run `affmap`"
             in capsys.readouterr().err
         )
     assert contents(swept) == before
