@@ -170,8 +170,6 @@ def _paper(asked: Sweep) -> None:
         part = _sweep(sweep.instead(asked.overrides, experiment, ("output",)))
         first = part.first
         results, missing = _results(part)
-        if not (first.output / "figures").is_dir():
-            raise ConfigError(f"{first.output} holds no report; run `affmap-report experiment={experiment}` first.")
         parts.append(paper.Part(first.title, results, first.report, first.output, missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))

@@ -12,11 +12,14 @@ import Box2D
 import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
-from affmap.env.layout import Layout
+from affmap.env.layout import Effect, Layout
 from affmap.settings import Settings
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
+
+PULLS: dict[Effect, tuple[float, float]] = {"force_up": (0.0, 1.0), "force_down": (0.0, -1.0)}
+"""Direction in which a force field pulls; where several overlap, their pulls add up."""
 
 
 class Vehicle(Settings):
@@ -110,7 +113,8 @@ class Physics:
         vehicle = self.vehicle
         effects = self._effects
         force = vehicle.thrust * action @ THROTTLES
-        force[1] += vehicle.force * (effects["force_up"] - effects["force_down"])
+        for effect, direction in PULLS.items():
+            force = force + effects[effect] * vehicle.force * np.array(direction)
         self._body.linearDamping = vehicle.contact_damping if effects["obstacle"] else vehicle.damping
         self._body.ApplyForceToCenter((float(force[0]), float(force[1])), True)
         self._world.Step(vehicle.time_step_s, vehicle.velocity_iterations, vehicle.position_iterations)

@@ -1,164 +1,177 @@
-"""The report's sentences. What states a result is made from the results: no verdict and no number is written here."""
+"""What is written below figures. What states a result is made from the results: no verdict and no number is here."""
 
 from collections.abc import Sequence
+from typing import Any
 
-from affmap.report.claims import METRICS, Score
-from affmap.report.figures import EXAMPLE_RULE, choose_examples
-from affmap.report.panels import NUM_DEVIATIONS
-from affmap.report.statistics import Outcome, Verdict
-from affmap.report.tables import PLANNERS, Results
-from affmap.report.text import NOTHING, number
+import numpy as np
+import pandas as pd
 
-_COUNTS = {
-    Verdict.HOLDS: ("holds", "hold"),
-    Verdict.DOES_NOT_HOLD: ("does not hold", "do not hold"),
-    Verdict.NOT_DECIDED: ("is not decided", "are not decided"),
-}
-"""What one claim does, and what several do."""
+from affmap.report import examples, failures, pictures
+from affmap.report.arena import CELL, NUM_DEVIATIONS
+from affmap.report.claims import Score
+from affmap.report.groups import make_groups, readable
+from affmap.report.sentences import verdicts
+from affmap.report.settings import ReportSettings
+from affmap.report.tables import Results
+from affmap.report.text import listed, number, span
 
+PAPER_FIGURES = {"exp1": 4, "exp2": 7, "exp3": 9, "exp4": 10, "exp5": 11}
+"""Experiment of the paper -> number of its main figure."""
 
-def effect(outcome: Outcome, unit: str) -> str:
-    """An effect with its interval and unit."""
-    if outcome.effect is None:
-        return NOTHING
-    size = number(outcome.effect, sign=True)
-    if outcome.low is None or outcome.high is None:
-        return f"{size} {unit}"
-    return f"{size} [{number(outcome.low, sign=True)}, {number(outcome.high, sign=True)}] {unit}"
-
-
-def verdict_count(scores: Sequence[Score]) -> str:
-    """How many claims hold, do not hold, and are not decided, with their names."""
-    words = []
-    for verdict, (one, many) in _COUNTS.items():
-        names = [score.claim.name for score in scores if score.verdict == verdict]
-        listed = f" ({', '.join(names)})" if names else ""
-        words.append(f"{len(names)} {one if len(names) == 1 else many}{listed}")
-    return f"Of the paper's {len(scores)} claims about this experiment, {words[0]}, {words[1]}, and {words[2]}."
+_BOXES = (
+    "Boxes: median and quartiles; whiskers end at the last point within 1.5 interquartile ranges, points beyond are "
+    "not drawn."
+)
+_COLORS = (
+    "Channels are principal components, fitted to the positions that the vehicle can reach; constant ones are a "
+    "neutral grey, so a context size of 1 or 2 uses fewer colours."
+)
 
 
-def changes(results: Results) -> list[str]:
-    """The medians at the smallest and the largest context size, a sentence per metric."""
-    sizes = results.context_sizes
-    sentences = []
-    for metric, unit in METRICS.items():
-        label = metric.replace("_", " ").replace("nll", "NLL")
-        for planner in [None] if metric == "validation_nll" else results.planners:
-            table = results.last_epoch if planner is None else results.runs[results.runs["planner"] == planner]
-            medians = table.groupby("context_size")[metric].median()
-            values = [
-                f"{number(medians[size])} {unit} at C = {size}" for size in (sizes[0], sizes[-1]) if size in medians
-            ]
-            who = "" if planner is None else f" ({PLANNERS[planner]})"
-            sentences.append(f"Median {label}{who}: {', '.join(dict.fromkeys(values))}.")
-    return sentences
-
-
-def findings(scores: Sequence[Score]) -> list[str]:
-    """What the tests say, a sentence per claim."""
-    sentences = []
-    for score in scores:
-        parts = [part for part in score.parts if part.outcome.effect is not None]
-        effects = "; ".join(f"{part.name} {effect(part.outcome, score.claim.unit)}".strip() for part in parts)
-        verb = _COUNTS[score.verdict][0]
-        sentences.append(f"{score.claim.name} {verb}: {score.claim.statement} ({effects or NOTHING})")
-    return sentences
-
-
-def spikes(results: Results, height: float = 2.0) -> str:
-    """How smooth the curves are: member-epochs whose validation loss stands out from their neighbours'."""
-    table = results.validation.sort_values(["context_size", "member", "epoch"])
-    around = table.groupby(["context_size", "member"])["validation_nll"].transform(
-        lambda losses: losses.rolling(7, center=True, min_periods=1).median()
-    )
-    above = table["validation_nll"] - around
-    last = table["epoch"] == table.groupby("context_size")["epoch"].transform("max")
-    return (
-        f"In {int((above > height).sum())} of {len(table)} member-epochs the validation loss lies more than "
-        f"{height:g} nats above the member's running median over 7 epochs (the largest by {number(above.max(), 1)}); "
-        f"{int((above[last] > height).sum())} of these are last epochs."
-    )
-
-
-def captions(results: Results, scores: Sequence[Score]) -> dict[str, str]:
-    """Name of a figure -> its caption."""
+def captions(results: Results, scores: Sequence[Score], settings: ReportSettings) -> dict[str, str]:
+    """Name of a figure -> its caption, for every figure that there may be."""
     return {
-        "figure4": _figure4(results, scores),
-        "figure5": _figure5(results),
-        "maps": (
-            "Affordance maps: several members at the largest context size, and one member at each context size. "
-            "Every map has its own colours (its own principal components, fitted to the positions the vehicle can "
-            "reach): colours can be compared within a map, not between maps, because codes of different members "
-            "and sizes mean different things. Constant channels are a neutral grey, so a context size of 1 or 2 "
-            "uses fewer colours."
+        "results": _results(results, scores, settings),
+        "trajectories": _trajectories(results, settings),
+        "maps": _maps(results, settings),
+        "growth": (
+            f"{'As the paper’s Figure 12 (appendix). ' if settings.claims == 'exp3' else ''}"
+            "The affordance map of one member after different numbers of epochs of a longer training, in one basis: "
+            f"colours can be compared between the panels. {_COLORS}"
         ),
         "world": (
-            f"The world “{results.world.name}”, {results.world.size[0]:g} u wide and {results.world.size[1]:g} u high: "
-            "obstacles (grey), borders (frame), the squares that starts and goals are drawn from (red, dashed), and "
-            "the vehicle to scale (green)."
+            "The worlds: circles by what they do, borders (frame), the squares that starts and goals are drawn from "
+            "(red, dashed), and the vehicle to scale (green). Where every run has a world of its own, those of the "
+            f"first {pictures.NUM_WORLDS} runs are shown."
         ),
-        "exploration": (
-            f"Where the data set, validation included, has been: {int(results.exploration.counts.sum())} recorded "
-            f"positions; {results.exploration.coverage:.1%} of the cells whose centre is free were visited. "
-            "Free cells without a visit are red."
-        ),
-        "outcomes": _outcomes(results),
+        "exploration": _exploration(results, settings),
+        "outcomes": _outcomes(results, settings),
+        "failures": _failures(results, settings),
     }
 
 
-def _figure4(results: Results, scores: Sequence[Score]) -> str:
-    says = {score.claim.name: f"claim {score.claim.name} {_COUNTS[score.verdict][0]}" for score in scores}
-    members = results.last_epoch["member"].nunique()
-    counts = results.runs.groupby(["context_size", "planner"]).size()
-    per_box = f"{counts.min()}" if counts.min() == counts.max() else f"{counts.min()} to {counts.max()}"
-    code = "The largest context size is 0, so there is no map."
-    if results.maps:
-        size = max(results.maps)
-        code = (
-            f"Affordance map of member {results.maps[size].member[0]} at C = {size}: the context code at each "
-            f"position, three principal components as red, green and blue, obstacles outlined; {says['I-8']}."
+def _results(results: Results, scores: Sequence[Score], settings: ReportSettings) -> str:
+    parts = [f"As the paper's Figure {PAPER_FIGURES[settings.claims]}."] if settings.claims else []
+    size = pictures.map_size(results)
+    member = results.runs["member"].min()
+    if worlds := pictures.several_worlds(results)[:2]:
+        names = listed([readable(part.world.name, settings) for part in worlds])
+        parts.append(
+            f"(A, B) Affordance maps of member {member} at C = {size} in the worlds {names}, in one basis: equal "
+            "colours are equal codes. The models are the same in all worlds."
         )
-    return (
-        f"As the paper's Figure 4. (A) Validation loss: mean and standard deviation (shade) over {members} members; "
-        f"{says['I-1']}. (B) {code} (C) Prediction error and (D) mean distance to the goal "
-        f"in control, {per_box} runs a box; {', '.join(says[f'I-{index}'] for index in range(2, 8))}. "
-        "Boxes: median and quartiles; whiskers end at the last point within 1.5 interquartile ranges, points "
-        "beyond are not drawn. EB: evolutionary-based, GB: gradient-based. Dotted lines: lowest and highest tick "
-        "of the paper's axis, where it is in view."
-    )
+    else:
+        members = results.last_epoch["member"].nunique()
+        parts.append(f"(A) Validation loss: mean and standard deviation (shade) over {members} members.")
+        code = "(B) The largest context size is 0, so there is no map."
+        if size:
+            part = pictures.painted(results, size)[-1]
+            world = readable(part.world.name, settings)
+            code = (
+                f"(B) Affordance map of member {member} at C = {size} in the world “{world}”: the context code at each "
+                "position, three principal components as red, green and blue, circles outlined."
+            )
+        parts.append(code)
+    parts.append(f"(C) Prediction error in control, {_per_box(results, settings)} runs a box. {_BOXES}")
+    if settings.outcome == "success":
+        parts.append(
+            "(D) Share of successful runs, which reach the goal and never touch fog: mean over members, black lines: "
+            "standard deviation over members."
+        )
+    else:
+        parts.append("(D) Mean distance to the goal in control.")
+    if settings.color == "planner" and len(results.planners) > 1:
+        parts.append("EB: evolutionary-based, GB: gradient-based.")
+    if settings.axes:
+        parts.append("Dotted lines: lowest and highest tick of the paper's axis, where it is in view.")
+    if scores:
+        parts.append(f"Claims: {verdicts(scores)}.")
+    return " ".join(parts)
 
 
-def _figure5(results: Results) -> str:
-    examples = choose_examples(results)
-    if not examples:
-        return ""
+def _per_box(results: Results, settings: ReportSettings) -> str:
+    return span(results.runs.groupby(["context_size", settings.color]).size())
+
+
+def _trajectories(results: Results, settings: ReportSettings) -> str:
     stories = []
-    for example in examples:
-        runs = results.runs
-        of_setting = (runs["context_size"] == example.context_size) & (runs["planner"] == "cem")
-        run = runs[of_setting & (runs["member"] == example.member) & (runs["run"] == example.run)].iloc[0]
-        end = f"reaches the goal after {run['steps_to_reach']} steps" if run["reached"] else "does not reach the goal"
-        stories.append(
-            f"With context size {example.context_size} (step {example.step} shown) this run touches a surface in "
-            f"{run['steps_touching']} steps, {end}, and has a mean distance of {number(run['mean_distance'])} u."
-        )
+    fog = any(failures.has_fog(results, job) for job in results.jobs)
+    for layout in results.layouts:
+        where = f"{readable(layout, settings)}, " if len(results.layouts) > 1 else ""
+        for example in examples.choose_examples(results, layout):
+            run = _row(results, example)
+            end = (
+                f"reaches the goal after {run['steps_to_reach']} steps" if run["reached"] else "never reaches the goal"
+            )
+            in_fog = f", is in fog in {run['steps_in_fog']}" if fog else ""
+            stories.append(
+                f"{where}C = {example.job.context_size} (member {example.member}, run {example.run}): touches a "
+                f"surface in {run['steps_touching']} steps{in_fog}, {end}, mean distance "
+                f"{number(run['mean_distance'])} u"
+            )
+    noise = " Inside fog a plan starts at the noisy position that the vehicle reports." if fog else ""
+    kind = {"cem": "evolutionary-based", "gradient": "gradient-based"}[results.planners[0]]
+    paper = "As the paper's Figure 5. " if settings.claims == "exp1" else ""
     return (
-        "As the paper's Figure 5. One moment of a run with evolutionary-based planning. Shown is not the best run "
-        f"but, by a rule: {EXAMPLE_RULE}; here member {examples[0].member}, run {examples[0].run}. "
-        f"{' '.join(stories)} The circles show "
-        f"{NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
+        f"{paper}One moment of a run with {kind} planning. Shown are not the best runs but, by a rule: "
+        f"{examples.EXAMPLE_RULE}. {'; '.join(stories)}. Blue circles: {NUM_DEVIATIONS} standard deviations of the "
+        f"predicted positions along the plan. Numbers are those of whole runs.{noise}"
     )
 
 
-def _outcomes(results: Results) -> str:
-    shares = results.runs.groupby(["planner", "context_size"])["reached"].mean()
-    parts = []
-    for planner in results.planners:
-        values = shares[planner]
-        ends = [f"{values[size]:.0%} of the runs at C = {size}" for size in (values.index[0], values.index[-1])]
-        parts.append(f"{PLANNERS[planner]} reaches the goal in {' and '.join(dict.fromkeys(ends))}")
+def _row(results: Results, example: examples.Example) -> "pd.Series[Any]":
+    """The row of an example in the table of runs."""
+    keys = {"member": example.member, "run": example.run}
+    keys |= {key: getattr(example.job, key) for key in ("context_size", "planner", "layout")}
+    chosen = np.all([results.runs[key] == value for key, value in keys.items()], axis=0)
+    return results.runs[chosen].iloc[0]
+
+
+def _maps(results: Results, settings: ReportSettings) -> str:
+    size = pictures.map_size(results)
+    parts = pictures.painted(results, size) if size else []
+    trainings = len({part.job.train for part in parts})
+    basis = "Every map has its own colours: they can be compared within a map, not between maps"
+    if trainings < len(parts):
+        basis = "Maps of one member in several worlds share their colours; others cannot be compared"
     return (
-        "(A) Share of runs that reached the goal, with 95 % bootstrap intervals over members: "
-        f"{'; '.join(parts)}. (B) Steps of a run in which the vehicle touched an obstacle or a border. The paper "
-        "reports neither here."
+        f"Affordance maps of several members at context size {size}, and of one member at each context size. {basis}, "
+        f"because codes of different members and sizes mean different things. {_COLORS}"
+    )
+
+
+def _exploration(results: Results, settings: ReportSettings) -> str:
+    parts = pictures.explored(results)
+    covered = [f"{coverage:.1%} in {readable(world.name, settings)}" for _, _, coverage, world in parts]
+    total = sum(int(counts.sum()) for counts, _, _, _ in parts)
+    return (
+        f"Where the data have been, validation included: {total} recorded positions in total. Of the cells whose "
+        f"centre is free, {listed(covered)} were visited; free cells without a visit are red."
+    )
+
+
+def _outcomes(results: Results, settings: ReportSettings) -> str:
+    groups = make_groups(results, settings)
+    shares = results.runs.groupby([groups.column, "context_size"])["reached"].mean()
+    parts = []
+    for value, name in groups.names.items():
+        values = shares[value]
+        ends = [f"{values[size]:.0%} of the runs at C = {size}" for size in (values.index[0], values.index[-1])]
+        parts.append(f"{name} {' and '.join(dict.fromkeys(ends))}")
+    more = " (C) Mean distance to the goal." if settings.outcome != "mean_distance" else ""
+    return (
+        "(A) Share of runs that reached the goal, whatever they touched, with 95 % bootstrap intervals over members: "
+        f"{'; '.join(parts)}. (B) Steps of a run in which the vehicle touched an obstacle or a border.{more} The paper "
+        "does not report these."
+    )
+
+
+def _failures(results: Results, settings: ReportSettings) -> str:
+    contexts = "above 0" if max(results.context_sizes) > 0 else "0"
+    return (
+        "Left: share of the runs that failed, by reason. A run that touched fog counts as such, whether it arrived or "
+        "not; stuck: the positions of the last quarter of the run lie within a vehicle's size. Middle and right: "
+        f"places where runs with a context size {contexts} first touched fog, and where those that never arrived were "
+        f"at their end (their numbers in brackets; a run may be in both), runs per cell of {CELL} u; circles are "
+        "outlined where all runs have the same world. The paper does not report these."
     )

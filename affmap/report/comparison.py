@@ -1,68 +1,120 @@
-"""One factor at a time: the same models, starts and goals under two or more values of one column of the runs.
+"""One factor at a time: the same starts and goals under two or more values of one key of the configuration.
 
-Knows tables of runs only. Two values count as the *same* when the 95 % interval of their difference lies within a
-margin set beforehand, as *different* when it leaves out zero and reaches beyond the margin; else nothing is decided.
+Knows tables of runs, and the configurations they were made with. Two values count as the *same* when the 95 % interval
+of their difference lies within a margin set beforehand, as *different* when it leaves out zero and reaches beyond the
+margin; else nothing is decided.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from affmap.report import figures, statistics
-from affmap.report.tables import PLANNERS, Job, read_runs, score_matrix, write_csv, write_runs
+from affmap.report.provenance import leaves
+from affmap.report.statistics import Verdict
+from affmap.report.tables import PLANNERS, Job, Results, read_runs, score_matrix, write_csv, write_runs
 from affmap.report.text import NOTHING, number
+from affmap.settings import ConfigError
 
-MARGINS = {"prediction_error": ("nats", 0.5), "mean_distance": ("u", 0.05), "reached": ("share", 0.05)}
+MARGINS = {
+    "prediction_error": ("nats", 0.5),
+    "mean_distance": ("u", 0.05),
+    "reached": ("share", 0.05),
+    "success": ("share", 0.05),
+}
 """Metric -> unit, and the difference that would not matter: small against the differences between context sizes."""
 
+WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
+"""What the verdict on being the same is called here."""
 
-def write(output: Path, jobs: Sequence[Job], factor: str, notice: str | None) -> Path:
-    """Write `tables/runs.csv`, `tables/<factor>.csv` and `.md`, and `figures/<factor>.png` and `.pdf`, into `output`.
+COLUMNS = {"planner": "planner.kind", "layout": "control_layout", "context_size": "model.context_size"}
+"""Column of the runs that tells settings apart -> the key of the configuration that it comes from."""
 
-    `notice` is a warning to the reader that heads Markdown and figure, or None. Returns the path of the Markdown.
+
+def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Path:
+    """Write `tables/runs.csv`, `tables/<key>.csv` and `.md`, and `figures/<key>.png` and `.pdf`, into `output`.
+
+    Args:
+        output: folder of the comparison; made where it is missing.
+        jobs: completed settings.
+        key: what to compare, a dotted key of the configuration; in names of files and columns its dots are underscores.
+        notice: a warning to the reader that heads Markdown and figure, or None.
+
+    Returns:
+        The path of the Markdown.
+
+    Raises:
+        ConfigError: a job has no such key, or all have the same value.
     """
-    runs = pd.concat([read_runs(job) for job in jobs], ignore_index=True)
-    table = compare(runs, factor)
+    name = key.replace(".", "_")
+    runs = pd.concat([read_runs(job).assign(**{name: value_of(job, key)}) for job in jobs], ignore_index=True)
+    table = compare(runs, key)
     folder = output / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     write_runs(folder, runs)
-    write_csv(folder / f"{factor}.csv", table)
-    figures.draw_lookups(table, runs, output / "figures", notice)
-    path = folder / f"{factor}.md"
+    write_csv(folder / f"{name}.csv", table)
+    figures.draw_differences(table, runs, key, output / "figures" / name, notice)
+    path = folder / f"{name}.md"
     heading = f"**{notice}**\n\n" if notice else ""
-    path.write_text(heading + markdown(table, factor), "utf-8", newline="\n")
+    path.write_text(heading + markdown(table, key), "utf-8", newline="\n")
     return path
 
 
-def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
-    """Compare every value of `factor` with the first one, for each planner, context size and metric.
+def value_of(job: Job, key: str) -> Any:
+    """The value of a dotted key in the configuration of a job's control; of a group with a name, its name.
 
-    `factor` is a column of numbers in `runs`.
+    Raises:
+        ConfigError: there is no such key.
+    """
+    values = leaves(Results((job,)).provenance[job.control]["config"])
+    if (found := values.get(key, values.get(f"{key}.name"))) is None:
+        raise ConfigError(
+            f"report.compare is {key!r}, which runs of control do not depend on; they do on {sorted(values)}"
+        )
+    return found
+
+
+def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
+    """Compare every value of a key with the first one, for each planner, context size and metric.
+
+    Args:
+        runs: one row per run, with the values in a column that is named as the key, its dots being underscores.
+        key: what to compare.
 
     Returns:
         One row per comparison: means and medians over runs of either value, the mean difference (other minus first)
-        with its 95 % bootstrap interval over members (none with fewer than 5), the margin, and the verdict.
+        with its 95 % bootstrap interval over members (none with fewer than 5), the margin, and the verdict. Layouts
+        have a column where there are several that are not what is compared; success has rows where it is not the same
+        as having reached the goal.
 
     Raises:
-        ValueError: `factor` has a single value.
+        ConfigError: the key has a single value.
     """
+    factor = key.replace(".", "_")
     first, *others = runs[factor].unique()
     if not others:
-        raise ValueError(f"the runs have one value of {factor!r}, {first:g}; there is nothing to compare it with")
+        raise ConfigError(f"the runs have one value of {key!r}, {_shown(first)}; there is nothing to compare it with")
+    settings = [column for column, source in COLUMNS.items() if source != key]
+    if "layout" in settings and runs["layout"].nunique() == 1:
+        settings.remove("layout")
+    metrics = dict(MARGINS)
+    if (runs["success"] == runs["reached"]).all():
+        del metrics["success"]
     rows = []
-    for (planner, context_size), group in runs.groupby(["planner", "context_size"]):
-        for metric, (unit, margin) in MARGINS.items():
+    for setting, group in runs.groupby(settings):
+        named = dict(zip(settings, setting, strict=True))
+        for metric, (unit, margin) in metrics.items():
             scores = score_matrix(group, metric, [factor])  # [M, values]
-            medians = group.groupby(factor)[metric].median()
+            medians = group.astype({metric: float}).groupby(factor)[metric].median()
             for other in others:
                 difference = scores[other] - scores[first]
                 enough = len(difference) >= statistics.MIN_MEMBERS
                 low, high = statistics.interval(difference) if enough else (None, None)
                 rows.append(
                     {
-                        "planner": PLANNERS[str(planner)],
-                        "context_size": context_size,
+                        **named,
                         "metric": metric,
                         "unit": unit,
                         "members": len(scores),
@@ -79,32 +131,37 @@ def compare(runs: pd.DataFrame, factor: str) -> pd.DataFrame:
                         "verdict": verdict(low, high, margin),
                     }
                 )
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows).replace({"planner": PLANNERS})
 
 
 def verdict(low: float | None, high: float | None, margin: float) -> str:
     """What an interval of a difference says: "same", "different" or "not decided"."""
     if low is None or high is None:
-        return "not decided"
-    if -margin <= low and high <= margin:
-        return "same"
-    return "different" if low > 0 or high < 0 else "not decided"
+        return WORDS[Verdict.NOT_DECIDED]
+    return WORDS[statistics.equivalence(low, high, margin)]
 
 
-def markdown(table: pd.DataFrame, factor: str) -> str:
+def markdown(table: pd.DataFrame, key: str) -> str:
     """A table of `compare` as Markdown."""
-    name = factor.replace("_", " ")
-    lines = [
-        f"| planner | context size | metric | {name} | mean | median | difference [95 % interval] | margin | verdict |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    settings = [column for column in COLUMNS if column in table]
+    heads = [*(column.replace("_", " ") for column in settings), "metric", key.replace(".", " ").replace("_", " ")]
+    heads += ["mean", "median", "difference [95 % interval]", "margin", "verdict"]
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for _, row in table.iterrows():
         interval = f" [{number(row['low'], sign=True)}, {number(row['high'], sign=True)}]"
-        lines.append(
-            f"| {row['planner']} | {row['context_size']} | {row['metric'].replace('_', ' ')} ({row['unit']}) | "
-            f"{row['a']:g}, {row['b']:g} | {number(row['mean_a'])}, {number(row['mean_b'])} | "
-            f"{number(row['median_a'])}, {number(row['median_b'])} | "
-            f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else NOTHING} | "
-            f"±{row['margin']:g} | {row['verdict']} |"
-        )
+        cells = [
+            *(str(row[column]) for column in settings),
+            f"{row['metric'].replace('_', ' ')} ({row['unit']})",
+            f"{_shown(row['a'])}, {_shown(row['b'])}",
+            f"{number(row['mean_a'])}, {number(row['mean_b'])}",
+            f"{number(row['median_a'])}, {number(row['median_b'])}",
+            f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else NOTHING}",
+            f"±{row['margin']:g}",
+            row["verdict"],
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
+
+
+def _shown(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"

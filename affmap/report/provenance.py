@@ -1,13 +1,25 @@
-"""Where the results come from: the stages' own provenance, once each, without what they repeat."""
+"""Where the results come from, and what they cost: the stages' own provenance, once each, without what they repeat."""
 
 import re
-from typing import Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from affmap.report.tables import STAGES, Results
-from affmap.report.text import NOTHING
+from affmap.report.text import NOTHING, points
 
 _SHARED = ("versions", "git", "machine", "command")
 """What most stages of a sweep agree on: its distinct values are listed once."""
+
+_PLACEHOLDER = re.compile(r"\$\{([a-z_.]+)\}")
+
+
+class Cost(NamedTuple):
+    """What the stages of one kind took."""
+
+    stage: str
+    folders: int
+    seconds: float
 
 
 def summarize(results: Results) -> dict[str, Any]:
@@ -28,61 +40,99 @@ def summarize(results: Results) -> dict[str, Any]:
         entry = {key: record.get(key) for key in ("stage", "digest", "started", "seconds", "peak_memory_mib")}
         stages.append({**entry, "differs": differences(config, base)})
     jobs = [
-        {"context_size": job.context_size, "planner": job.planner}
+        {"context_size": job.context_size, "planner": job.planner, "layout": job.layout}
         | {stage: records[getattr(job, stage)]["digest"] for stage in STAGES}
         for job in results.jobs
     ]
     return {
         "seconds": sum(stage["seconds"] or 0.0 for stage in stages),
         "peak_memory_mib": max(stage["peak_memory_mib"] or 0.0 for stage in stages),
-        **{key: _distinct([record.get(key) for record in records.values()]) for key in _SHARED},
+        **{key: distinct([record.get(key) for record in records.values()]) for key in _SHARED},
         "configs": configs,
         "stages": stages,
         "jobs": jobs,
     }
 
 
-def fill(template: str, results: Results) -> str:
-    """Put the values that were used into a text that names them as `${group.key}`; an en dash where one was not."""
+def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
+    """Put the values that were used into a list of points that names them as `${group.key}`.
+
+    Of several reports the first that knows a value gives it. A point is left out where a value is not known: it is
+    about something that was not run.
+    """
     values: dict[str, Any] = {}
-    for job in results.jobs:
-        config = results.provenance[job.control]["config"]
-        values = _leaves(config) | {f"{job.planner}.{key}": value for key, value in config["planner"].items()} | values
-    pattern = re.compile(r"\$\{([a-z_.]+)\}")
-    return pattern.sub(lambda match: _shown(values.get(match[1])), template)
+    for results in reports:
+        for job in results.jobs:
+            config = results.provenance[job.control]["config"]
+            named = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
+            # So that a point can be about a channel, and is left out where no view has it.
+            channels = {f"channel.{name}": name.replace("_", " ") for name in config["control_layout"]["channels"]}
+            values = leaves(config) | named | channels | values
+    return [
+        (title, _PLACEHOLDER.sub(lambda match: shown(values[match[1]]), text))
+        for title, text in points(template)
+        if all(key in values for key in _PLACEHOLDER.findall(text))
+    ]
 
 
-def _shown(value: Any) -> str:
-    return NOTHING if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+def shown(value: Any) -> str:
+    """A value of the configuration as text."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def costs(results: Results) -> list[tuple[str, int, float]]:
-    """Per kind of stage: its name, number of folders, and seconds in total."""
-    rows = []
-    for stage in STAGES:
-        records = [results.provenance[folder] for folder in dict.fromkeys(getattr(job, stage) for job in results.jobs)]
-        rows.append((stage, len(records), sum(record.get("seconds") or 0.0 for record in records)))
-    return rows
+def costs(reports: Sequence[Results]) -> list[list[Cost]]:
+    """Per report and kind of stage: number of folders, and seconds in total.
+
+    What two reports share is counted with the first.
+    """
+    counted: set[Path] = set()
+    tables = []
+    for results in reports:
+        records = [record for folder, record in results.provenance.items() if folder not in counted]
+        counted |= results.provenance.keys()
+        tables.append([_cost(stage, [record for record in records if record["stage"] == stage]) for stage in STAGES])
+    return tables
+
+
+def _cost(stage: str, records: Sequence[dict[str, Any]]) -> Cost:
+    return Cost(stage, len(records), sum(record.get("seconds") or 0.0 for record in records))
 
 
 def differences(config: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
     """The leaves of `config`, by dotted name, that are not those of `base`; None for leaves only `base` has."""
-    leaves, base_leaves = _leaves(config), _leaves(base)
-    names = sorted(leaves.keys() | base_leaves.keys())
-    return {name: leaves.get(name) for name in names if leaves.get(name) != base_leaves.get(name)}
+    own, others = leaves(config), leaves(base)
+    names = sorted(own.keys() | others.keys())
+    return {name: own.get(name) for name in names if own.get(name) != others.get(name)}
 
 
-def _leaves(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    leaves: dict[str, Any] = {}
+def leaves(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Dotted name -> value, of everything in `config` that is no group."""
+    found: dict[str, Any] = {}
     for key, value in config.items():
-        leaves |= _leaves(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return leaves
+        found |= leaves(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return found
 
 
-def _distinct(values: list[Any]) -> list[Any]:
+def distinct(values: Sequence[Any]) -> list[Any]:
     """The distinct values in order of appearance; they need not be hashable."""
     found: list[Any] = []
     for value in values:
         if value is not None and value not in found:
             found.append(value)
     return found
+
+
+def setting_of(differs: dict[str, Any]) -> str:
+    """What tells a stage from the first of its kind, in short; `provenance.json` has every difference."""
+    names = {
+        "model.context_size": "context size",
+        "planner.kind": "planner",
+        "lookup.spacing": "look-up",
+        "control_layout.name": "flown in",
+        "map_layout.name": "map of",
+        "training.num_epochs": "epochs",
+    }
+    parts = [f"{name} {differs[key]}" for key, name in names.items() if key in differs]
+    if "training_layouts" in differs:
+        parts.insert(0, f"trained in {', '.join(layout['name'] for layout in differs['training_layouts'])}")
+    return ", ".join(parts) or NOTHING

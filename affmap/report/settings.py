@@ -7,7 +7,6 @@ from pydantic import Field, PositiveFloat
 
 from affmap.settings import Settings
 
-
 Metric = Literal["validation_nll", "prediction_error", "mean_distance", "success"]
 
 

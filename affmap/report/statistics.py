@@ -1,12 +1,13 @@
-"""Tests of ordered and of paired settings, paired by member: pure functions of score matrices.
+"""Tests of ordered settings, of paired ones and of levels, paired by member: pure functions of score matrices.
 
-A verdict has three values. A claim *holds* when a one-sided test in its direction gives p < 0.05, it *does not hold*
-when the one-sided test in the opposite direction does, and it is *not decided* otherwise, also where there is too
-little to test: then a note says what is missing. No function returns a NaN or decides from one.
+A verdict has three values. A claim of a *direction* holds when a one-sided test in it gives p < 0.05, does not hold
+when the one-sided test in the opposite direction does, and is not decided otherwise. A claim of a *size* (at least a
+level, or the same up to a margin) is decided by the 95 % interval over members and has no p value. Neither is decided
+where there is too little to test: then a note says what is missing. No function returns a NaN or decides from one.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Literal
 
@@ -21,6 +22,7 @@ MIN_MEMBERS = 5
 """With fewer, the signed-rank test cannot reach the level (0.5 ** 4 = 0.0625), and an interval means nothing."""
 
 Direction = Literal["falls", "rises"]
+Scores = NDArray[np.floating]
 
 
 class Verdict(StrEnum):
@@ -39,7 +41,7 @@ class Outcome:
     members: int
     verdict: Verdict
     effect: float | None = None
-    """Mean over members of a difference; its sign and unit are the claim's."""
+    """Mean over members of a difference, or of the score whose level is tested; sign and unit are the claim's."""
     low: float | None = None
     """Lower end of the effect's 95 % bootstrap interval over members."""
     high: float | None = None
@@ -95,6 +97,65 @@ def lower(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Outcome:
     return _signed_rank(np.asarray(first, dtype=float) - np.asarray(second, dtype=float), "less", seed)
 
 
+def same(first: ArrayLike, second: ArrayLike, margin: float, seed: int = 0) -> Outcome:
+    """Test whether two scores are the same up to a margin (`equivalence`), paired by member.
+
+    Args:
+        first: `[M]`.
+        second: `[M]`, in the same order of members.
+        margin: largest difference that would not matter.
+        seed: of the bootstrap.
+
+    Returns:
+        The outcome; its effect is first minus second.
+    """
+    difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
+    test = f"95 % interval within ±{margin:g}"
+    return _by_interval(test, difference, lambda low, high: equivalence(low, high, margin), seed)
+
+
+def at_least(scores: ArrayLike, level: float, seed: int = 0) -> Outcome:
+    """Test whether the mean over members of scores `[M]` is `level` or more; it is the outcome's effect.
+
+    The claim holds when the whole 95 % interval is, does not hold when none of it is, and is else not decided.
+    """
+
+    def decide(low: float, high: float) -> Verdict:
+        if low >= level:
+            return Verdict.HOLDS
+        return Verdict.DOES_NOT_HOLD if high < level else Verdict.NOT_DECIDED
+
+    return _by_interval(f"95 % interval from {level:g} up", np.asarray(scores, dtype=float), decide, seed)
+
+
+def below(scores: ArrayLike, level: float, seed: int = 0) -> Outcome:
+    """Test whether the mean over members of scores `[M]` is less than `level`; decided as `at_least` is."""
+
+    def decide(low: float, high: float) -> Verdict:
+        if high < level:
+            return Verdict.HOLDS
+        return Verdict.DOES_NOT_HOLD if low >= level else Verdict.NOT_DECIDED
+
+    return _by_interval(f"95 % interval below {level:g}", np.asarray(scores, dtype=float), decide, seed)
+
+
+def everywhere(each: Sequence[Outcome], mean: Outcome) -> Outcome:
+    """Test whether a claim holds in each of several settings, with the effect of their `mean` to show.
+
+    The verdict is the conjunction of `each`. The largest of the p values is one of the whole (an intersection-union
+    test); the smallest opposite one is not corrected for the number of settings.
+    """
+    p = [outcome.p for outcome in each if outcome.p is not None]
+    opposite = [outcome.p_opposite for outcome in each if outcome.p_opposite is not None]
+    complete = len(each) > 0 and len(p) == len(opposite) == len(each)
+    return replace(
+        mean,
+        verdict=conjunction([outcome.verdict for outcome in each]) if each else Verdict.NOT_DECIDED,
+        p=max(p) if complete else None,
+        p_opposite=min(opposite) if complete else None,
+    )
+
+
 def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
     """95 % bootstrap interval (BCa) over members of the mean of `values` `[M]`; a point where all are equal."""
     sample = np.asarray(values, dtype=float)
@@ -111,6 +172,17 @@ def verdict(p: float, p_opposite: float) -> Verdict:
     return Verdict.DOES_NOT_HOLD if p_opposite < LEVEL else Verdict.NOT_DECIDED
 
 
+def equivalence(low: float, high: float, margin: float) -> Verdict:
+    """Decide from the interval of a difference whether two settings are the same up to `margin`.
+
+    They are when the interval lies within the margin to both sides; they are not when it leaves out zero and reaches
+    beyond the margin.
+    """
+    if -margin <= low and high <= margin:
+        return Verdict.HOLDS
+    return Verdict.DOES_NOT_HOLD if low > 0 or high < 0 else Verdict.NOT_DECIDED
+
+
 def conjunction(verdicts: Sequence[Verdict]) -> Verdict:
     """A claim of several parts holds when all do, and does not hold when one does not."""
     if Verdict.DOES_NOT_HOLD in verdicts:
@@ -123,20 +195,42 @@ def undecided(test: str, members: int, note: str, effect: float | None = None) -
     return Outcome(test, members, Verdict.NOT_DECIDED, effect, note=note)
 
 
-def _signed_rank(difference: NDArray[np.floating], alternative: Literal["less", "greater"], seed: int) -> Outcome:
+def _signed_rank(difference: Scores, alternative: Literal["less", "greater"], seed: int) -> Outcome:
     test = "Wilcoxon signed-rank"
     if problem := _problem(difference):
         return undecided(test, len(difference), problem, _mean(difference))
     if not difference.any():
         return undecided(test, len(difference), "all differences are zero", 0.0)
-    less = float(stats.wilcoxon(difference, alternative="less").pvalue)
-    greater = float(stats.wilcoxon(difference, alternative="greater").pvalue)
+    less, greater = _signed_rank_p(difference)
     p, p_opposite = (less, greater) if alternative == "less" else (greater, less)
     low, high = interval(difference, seed)
     return Outcome(test, len(difference), verdict(p, p_opposite), _mean(difference), low, high, p, p_opposite)
 
 
-def _problem(scores: NDArray[np.floating]) -> str:
+def _signed_rank_p(difference: Scores) -> tuple[float, float]:
+    """Exact one-sided p values, "less" and "greater", of differences `[M]`: zeros are left out, ties share their rank.
+
+    Shares of a few runs tie often; SciPy then takes a normal approximation, by which 4 differences of one sign among 21
+    zeros would be significant, though the exact p is 1/16.
+    """
+    nonzero = difference[difference != 0]
+    ranks = np.round(2 * stats.rankdata(np.abs(nonzero))).astype(int)  # doubled, so that shared ranks are whole
+    chances = np.ones(1)  # of each sum of the ranks of positive differences, when every sign is a toss of a coin
+    for rank in ranks:
+        chances = (np.pad(chances, (0, rank)) + np.pad(chances, (rank, 0))) / 2
+    positive = int(ranks[nonzero > 0].sum())
+    less, greater = chances[: positive + 1].sum(), chances[positive:].sum()
+    return min(float(less), 1.0), min(float(greater), 1.0)
+
+
+def _by_interval(test: str, scores: Scores, decide: Callable[[float, float], Verdict], seed: int) -> Outcome:
+    if problem := _problem(scores):
+        return undecided(test, len(scores), problem, _mean(scores))
+    low, high = interval(scores, seed)
+    return Outcome(test, len(scores), decide(low, high), _mean(scores), low, high)
+
+
+def _problem(scores: Scores) -> str:
     """Why scores `[M, ...]` cannot be tested; empty where they can."""
     bad = sum(not np.isfinite(row).all() for row in scores)
     if bad:
@@ -144,6 +238,6 @@ def _problem(scores: NDArray[np.floating]) -> str:
     return f"needs at least {MIN_MEMBERS} members" if len(scores) < MIN_MEMBERS else ""
 
 
-def _mean(values: NDArray[np.floating]) -> float | None:
+def _mean(values: Scores) -> float | None:
     """Mean, or None where it is not a finite number."""
     return float(values.mean()) if len(values) and np.isfinite(values).all() else None

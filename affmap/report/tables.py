@@ -241,7 +241,9 @@ class Results:
         Without a layout: of all jobs' first one.
         """
         folders = {
-            size: job.map for size in self.context_sizes if size > 0 and (job := self.job(size, layout=layout)) is not None
+            size: job.map
+            for size in self.context_sizes
+            if size > 0 and (job := self.job(size, layout=layout)) is not None
         }
         return {size: self._read_maps(folder) for size, folder in folders.items()}
 

@@ -1,6 +1,7 @@
-"""Numbers as readers see them (leaf)."""
+"""Numbers and lists as readers see them (leaf)."""
 
 import math
+from collections.abc import Iterable, Sequence
 
 NOTHING = "\N{EN DASH}"
 """What a cell shows that has nothing to show."""
@@ -18,3 +19,28 @@ def p_value(value: float | None) -> str:
     if value is None:
         return NOTHING
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def span(values: Iterable[int]) -> str:
+    """The only value of several, or the smallest and the largest."""
+    low, high = min(numbers := [int(value) for value in values]), max(numbers)
+    return str(low) if low == high else f"{low} to {high}"
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words as an enumeration."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else NOTHING
+
+
+def metric_name(metric: str) -> str:
+    """A column of the tables as a reader's words."""
+    return metric.replace("_", " ").replace("nll", "NLL")
+
+
+def points(markdown: str) -> list[tuple[str, str]]:
+    """The items of a Markdown list whose items begin with a bold title: title and text of each."""
+    items = []
+    for item in f"\n{markdown}".split("\n- ")[1:]:
+        title, _, text = " ".join(item.split()).removeprefix("**").partition("**")
+        items.append((title, text.strip()))
+    return items

@@ -22,12 +22,12 @@ from affmap.control.agent import Agent, ControlSettings, Observation
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, make_lookup
 from affmap.model.stack import Stack
+from affmap.model.weights import WEIGHTS, restore
 from affmap.planning.gradient import GradientPlanner
 from affmap.planning.planner import Objective
 from affmap.random import generator, integer
 from affmap.settings import folder
 from affmap.store import Store
-from affmap.model.weights import WEIGHTS, restore
 
 UNIT = "agent and step"
 
@@ -79,7 +79,9 @@ def reference() -> Agents:
         raise FileNotFoundError(f"{config.reference} holds no models of this configuration; the benchmark plans them.")
     stack = restore(Stack(config.model, len(config.channels), config.seeds), trained / WEIGHTS)
     stack.requires_grad_(False)
-    return Agents(stack, make_lookup(config.lookup, stack, [config.control_layout.map]), _starts(config), config.control)
+    return Agents(
+        stack, make_lookup(config.lookup, stack, [config.control_layout.map]), _starts(config), config.control
+    )
 
 
 def _starts(config: Config) -> Observation:

@@ -1,5 +1,8 @@
 """References: differences known by construction, and SciPy's bootstrap."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,6 +10,9 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from affmap.report import comparison, panels
+from affmap.report.tables import Job
+
+KEY = "lookup.spacing"
 
 
 def runs(shift: float, members: int = 8) -> pd.DataFrame:
@@ -17,13 +23,16 @@ def runs(shift: float, members: int = 8) -> pd.DataFrame:
         for run in range(4):
             distance, noise = rng.uniform(0.4, 0.6), rng.normal(0, 0.001)
             for spacing, change in ((0.0, 0.0), (0.01, shift + noise)):
-                row = {"planner": "cem", "context_size": 8, "lookup_spacing": spacing, "member": member, "run": run}
+                row = {"planner": "cem", "layout": "original", "context_size": 8, "lookup_spacing": spacing}
                 rows.append(
                     {
                         **row,
+                        "member": member,
+                        "run": run,
                         "mean_distance": distance + change,
                         "prediction_error": -9.0,
                         "reached": True,
+                        "success": True,
                         "lookup_error": spacing,
                     }
                 )
@@ -37,7 +46,7 @@ def row(table: pd.DataFrame, metric: str) -> pd.Series:
 @pytest.mark.parametrize(("shift", "verdict"), [(0.0, "same"), (0.02, "same"), (0.1, "different")])
 def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) -> None:
     """By construction: the second value minus the first is `shift`, up to the noise of 0.001."""
-    distance = row(comparison.compare(runs(shift), "lookup_spacing"), "mean_distance")
+    distance = row(comparison.compare(runs(shift), KEY), "mean_distance")
     assert (distance["a"], distance["b"], distance["members"]) == (0.0, 0.01, 8)
     assert distance["difference"] == pytest.approx(shift, abs=0.001)
     assert distance["median_b"] - distance["median_a"] == pytest.approx(shift, abs=0.02)
@@ -48,7 +57,7 @@ def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) 
 def test_the_interval_is_scipys_over_members() -> None:
     """Independent: `scipy.stats.bootstrap` of the members' mean differences."""
     table = runs(0.1)
-    distance = row(comparison.compare(table, "lookup_spacing"), "mean_distance")
+    distance = row(comparison.compare(table, KEY), "mean_distance")
     means = table.groupby(["member", "lookup_spacing"])["mean_distance"].mean().unstack()
     difference = (means[0.01] - means[0.0]).to_numpy()
     expected = stats.bootstrap((difference,), np.mean, rng=np.random.default_rng(0)).confidence_interval
@@ -57,7 +66,7 @@ def test_the_interval_is_scipys_over_members() -> None:
 
 def test_no_difference_is_a_point_at_zero() -> None:
     """Closed form: equal scores differ by zero, for certain."""
-    error = row(comparison.compare(runs(0.1), "lookup_spacing"), "prediction_error")
+    error = row(comparison.compare(runs(0.1), KEY), "prediction_error")
     assert (error["difference"], error["low"], error["high"], error["verdict"]) == (0, 0, 0, "same")
 
 
@@ -72,47 +81,83 @@ def test_the_verdict_is_that_of_an_equivalence_test(low: float, high: float, exp
 
 def test_few_members_decide_nothing() -> None:
     """The signed-rank rule of the claims: fewer than 5 members have no interval."""
-    distance = row(comparison.compare(runs(0.1, members=4), "lookup_spacing"), "mean_distance")
+    distance = row(comparison.compare(runs(0.1, members=4), KEY), "mean_distance")
     assert pd.isna(distance["low"]) and distance["verdict"] == "not decided"
+    table = comparison.compare(runs(0.1, members=4), KEY).query("metric == 'mean_distance'")
+    (bars,) = panels.differences(Figure().subplots(), table, [0.0, 0.01]).containers
+    assert bars[0].get_ydata()[0] == pytest.approx(0.1, abs=0.01), "a point without an interval"
 
 
 def test_one_value_is_nothing_to_compare() -> None:
-    with pytest.raises(ValueError, match="one value of 'lookup_spacing', 0; there"):
-        comparison.compare(runs(0.0).query("lookup_spacing == 0"), "lookup_spacing")
+    with pytest.raises(ValueError, match=r"one value of 'lookup.spacing', 0; there"):
+        comparison.compare(runs(0.0).query("lookup_spacing == 0"), KEY)
 
 
 def test_the_markdown_has_a_row_per_comparison() -> None:
-    """By hand: three metrics, a head of two lines."""
-    lines = comparison.markdown(comparison.compare(runs(0.1), "lookup_spacing"), "lookup_spacing").splitlines()
+    """By hand: three metrics, a head of two lines; success is a fourth one where runs that arrive can fail."""
+    lines = comparison.markdown(comparison.compare(runs(0.1), KEY), KEY).splitlines()
     assert len(lines) == 2 + 3
+    failing = comparison.markdown(comparison.compare(runs(0.1).assign(success=False), KEY), KEY).splitlines()
+    assert failing[:-1] == lines and "| success (share) |" in failing[-1]
     assert all(line.count("|") == 10 for line in lines)
 
 
 def test_what_is_drawn_is_the_table() -> None:
     """Points at the differences, bars to the ends of the intervals, the band as wide as the margin."""
-    table = comparison.compare(runs(0.1), "lookup_spacing").query("metric == 'mean_distance'")
-    ax = panels.lookup_differences(Figure().subplots(), table, [0.0, 0.01])
+    table = comparison.compare(runs(0.1), KEY).query("metric == 'mean_distance'")
+    ax = panels.differences(Figure().subplots(), table, [0.0, 0.01])
     (bars,) = ax.containers
     found = table.iloc[0]
     assert bars[0].get_ydata().tolist() == [found["difference"]] and bars[0].get_xdata().tolist() == [1.0]
     (segment,) = bars[2][0].get_segments()
     np.testing.assert_allclose(segment[:, 1], [found["low"], found["high"]])
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["exact", "0.01"]
+    labels = panels.value_axis(ax, ["exact", "0.01"], "map spacing (u)").get_xticklabels()
+    assert [label.get_text() for label in labels] == ["exact", "0.01"]
     band = ax.patches[0].get_extents().transformed(ax.transData.inverted())
     assert (band.y0, band.y1) == pytest.approx((-0.05, 0.05))
-    assert ax.get_legend() is None
 
 
 def test_several_settings_stand_side_by_side() -> None:
     """A second context size: another place, and a legend that names both."""
-    table = comparison.compare(pd.concat([runs(0.1), runs(0.2).assign(context_size=3)]), "lookup_spacing")
-    ax = panels.lookup_differences(Figure().subplots(), table.query("metric == 'mean_distance'"), [0.0, 0.01])
+    table = comparison.compare(pd.concat([runs(0.1), runs(0.2).assign(context_size=3)]), KEY)
+    ax = panels.differences(Figure().subplots(), table.query("metric == 'mean_distance'"), [0.0, 0.01])
     places = [bars[0].get_xdata()[0] for bars in ax.containers]
     assert places == pytest.approx([0.925, 1.075])
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["EB, C = 3", "EB, C = 8"]
+    assert ax.get_legend_handles_labels()[1] == ["EB, C = 3", "EB, C = 8"]
 
 
 def test_the_error_of_context_codes_is_the_mean_over_runs() -> None:
     """By construction: equal to the spacing in every run; drawn in the order asked for."""
-    ax = panels.lookup_errors(Figure().subplots(), runs(0.0), [0.01, 0.0])
+    ax = panels.code_errors(Figure().subplots(), runs(0.0), [0.01, 0.0])
     assert ax.containers[0][0].get_ydata().tolist() == [0.01, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "settings"),
+    [
+        ("control_layout", ["original", "two_obstacles", "twelve_obstacles"], ["planner", "context_size"]),
+        ("model.context_size", [0, 8], ["planner", "layout"]),
+    ],
+)
+def test_any_key_of_the_configuration_can_be_compared(
+    write_stages: Callable[..., list[Job]], tmp_path: Path, key: str, values: list[object], settings: list[str]
+) -> None:
+    """Names and numbers; by construction the world of two obstacles has distances 0.1 u larger than the original."""
+    jobs = write_stages(tmp_path / "stages", (0, 8), members=6, epochs=1, steps=10, experiment="exp2")
+    path = comparison.write(tmp_path / "out", jobs, key, "NOTICE")
+    name = key.replace(".", "_")
+    assert path == tmp_path / "out" / "tables" / f"{name}.md" and path.read_text("utf-8").startswith("**NOTICE**")
+    assert {file.name for file in (tmp_path / "out" / "figures").iterdir()} == {f"{name}.png", f"{name}.pdf"}
+    table = pd.read_csv(tmp_path / "out" / "tables" / f"{name}.csv")
+    assert set(table["a"]) == {values[0]} and list(dict.fromkeys(table["b"])) == values[1:]
+    assert list(table.columns[: len(settings) + 1]) == [*settings, "metric"]
+    assert set(pd.read_csv(tmp_path / "out" / "tables" / "runs.csv")[name]) == set(values)
+    if key == "control_layout":
+        farther = table[(table["b"] == "two_obstacles") & (table["metric"] == "mean_distance")]
+        assert farther["difference"].to_numpy() == pytest.approx([0.1, 0.1], abs=0.05)
+
+
+def test_a_key_that_runs_do_not_have_is_refused(write_stages: Callable[..., list[Job]], tmp_path: Path) -> None:
+    jobs = write_stages(tmp_path, (0,), planners=("cem",), members=2, epochs=1, steps=10)
+    with pytest.raises(ValueError, match=r"'lookup_spacing', which runs of control do not depend on"):
+        comparison.write(tmp_path / "out", jobs, "lookup_spacing", None)

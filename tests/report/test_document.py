@@ -1,162 +1,308 @@
-"""References: the bytes of a second write, hand-computed box plots, the notice's red in what was drawn."""
+"""References: the bytes of a second write, the numbers of the tables, Python's parser of HTML."""
 
+import base64
 import io
 import json
 import re
 from collections.abc import Callable
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import matplotlib.image
-import numpy as np
 import pandas as pd
 import pytest
-import typst
-from matplotlib.figure import Figure
+import yaml
 
-from affmap.report import Job, captions, claims, document, figures, panels, write
-from affmap.report.tables import Results, Trajectories
+from affmap.report import claims, document, paper, provenance, rendering, sentences
+from affmap.report.claims import CLAIMS
+from affmap.report.paper import Part
+from affmap.report.settings import ReportSettings
+from affmap.report.tables import Job, Results
+from affmap.report.text import NOTHING, listed, points, span
 
+CONF = Path(__file__).parents[2] / "conf"
 NOTICE = "SMOKE RUN: 2 members, 2 epochs; not a result"
+MISSING = "2 of 4 settings are not complete (C = 16, 32)."
+COMMAND = "make exp1 SCALE=smoke"
+ALWAYS = {"results", "trajectories", "maps", "world", "exploration", "outcomes"}
+DRAWN = {
+    "exp1": ALWAYS,
+    "exp2": ALWAYS,
+    "exp3": ALWAYS | {"growth"},
+    "exp4": ALWAYS | {"failures"},
+    "exp5": ALWAYS | {"failures"},
+}
 WriteStages = Callable[..., list[Job]]
-TITLE, COMMAND = "Experiment I: obstacle avoidance", "make exp1 SCALE=smoke"
+
+
+def settings(experiment: str) -> ReportSettings:
+    """The settings that `conf/` gives to an experiment."""
+    default, own = (
+        yaml.safe_load((CONF / path).read_text("utf-8"))
+        for path in ("report/default.yaml", f"experiment/{experiment}.yaml")
+    )
+    names = default["names"] | own["report"].get("names", {})
+    return ReportSettings.model_validate(default | own["report"] | {"names": names})
 
 
 @pytest.fixture(scope="module")
-def jobs(write_stages: WriteStages, tmp_path_factory: pytest.TempPathFactory) -> list[Job]:
-    return write_stages(tmp_path_factory.mktemp("stages"), (0, 8), members=2, epochs=2)
+def results(
+    write_stages: WriteStages, write_growth: Callable[..., Job], tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Results]:
+    """Small results of all experiments, which share stages as the real ones do."""
+    root = tmp_path_factory.mktemp("stages")
+    found = {name: write_stages(root, (0, 8), members=2, epochs=2, experiment=name) for name in DRAWN}
+    growth = write_growth(root, members=2, epochs=(1, 2))
+    return {name: Results(tuple(jobs), growth if name == "exp3" else None) for name, jobs in found.items()}
+
+
+def write(output: Path, results: Results, experiment: str, notice: str | None = NOTICE) -> Path:
+    return document.write(output, results, settings(experiment), title=experiment, command=COMMAND, notice=notice)
 
 
 @pytest.fixture(scope="module")
-def report(jobs: list[Job], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    output = tmp_path_factory.mktemp("report")
-    assert write(output, jobs, title=TITLE, command=COMMAND, notice=NOTICE) == output / "report.pdf"
+def reports(results: dict[str, Results], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    root = tmp_path_factory.mktemp("reports")
+    for name, found in results.items():
+        assert write(root / name, found, name) == root / name / "report.pdf"
+    return {name: root / name for name in results}
+
+
+def parts(results: dict[str, Results], reports: dict[str, Path]) -> list[Part]:
+    """What the paper's report is made of; Experiment V is not complete."""
+    return [
+        Part(f"Experiment {name}", found, settings(name), reports[name], MISSING if name == "exp5" else "")
+        for name, found in results.items()
+    ]
+
+
+@pytest.fixture(scope="module")
+def whole(results: dict[str, Results], reports: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("paper")
+    assert paper.write(output, parts(results, reports), command="make paper", notice=None) == output / "report.pdf"
     return output
 
 
-def test_everything_that_was_promised_is_there(report: Path) -> None:
-    tables = {f"tables/{name}" for name in ("runs.csv", "validation.csv", "claims.csv", "medians.csv", "claims.md")}
-    drawn = {f"figures/{name}.{kind}" for name in figures.FIGURES for kind in ("png", "pdf")}
-    files = {path.relative_to(report).as_posix() for path in report.rglob("*") if path.is_file()}
-    assert files == tables | drawn | {"report.pdf", "provenance.json"}
-    assert len(pd.read_csv(report / "tables" / "runs.csv")) == 2 * 2 * 2 * 4
+class Page(HTMLParser):
+    """What a page is made of."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.images: list[str] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.feed(path.read_text("utf-8"))
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        self.links += [values[key] or "" for key in ("href", "src") if key in values]
+        if tag == "img":
+            self.images.append(values["src"] or "")
+        if tag not in ("img", "meta", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
 
 
-def test_writing_twice_gives_the_same_bytes(report: Path, jobs: list[Job], tmp_path: Path) -> None:
-    again = tmp_path / report.name
-    write(again, jobs, title=TITLE, command=COMMAND, notice=NOTICE)
-    for path in report.rglob("*.*"):
-        assert path.read_bytes() == (again / path.relative_to(report)).read_bytes(), path.name
+@pytest.mark.parametrize("name", DRAWN)
+def test_everything_that_was_promised_is_there(reports: dict[str, Path], name: str) -> None:
+    tables = {f"tables/{table}" for table in ("runs.csv", "validation.csv", "claims.csv", "medians.csv", "claims.md")}
+    drawn = {f"figures/{figure}.{kind}" for figure in DRAWN[name] for kind in ("png", "pdf")}
+    files = {path.relative_to(reports[name]).as_posix() for path in reports[name].rglob("*") if path.is_file()}
+    assert files == tables | drawn | {"report.pdf", "report.html", "provenance.json"}
 
 
-def test_a_complete_report_is_left_alone(report: Path, jobs: list[Job]) -> None:
-    """A file removed by hand stays away as long as stages, arguments and code are the same."""
-    table = report / "tables" / "medians.csv"
+@pytest.mark.parametrize("name", [*DRAWN, "paper"])
+def test_the_page_needs_no_other_file(reports: dict[str, Path], whole: Path, name: str) -> None:
+    """Python's parser: every figure is in the page, every link leads to a part of it, every tag is closed."""
+    folder = whole if name == "paper" else reports[name]
+    page = Page(folder / "report.html")
+    images = [base64.b64decode(image.removeprefix("data:image/png;base64,"), validate=True) for image in page.images]
+    drawn = {path.read_bytes() for path in folder.glob("figures/**/*.png")}
+    assert set(images) == drawn and len(images) == len(drawn)
+    assert all(link.startswith(("data:image/png;base64,", "#part-")) for link in page.links)
+    assert not page.open and not re.search("https?:|@import|url\\(", (folder / "report.html").read_text("utf-8"))
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_page_says_what_the_tables_say(reports: dict[str, Path], name: str) -> None:
+    text = " ".join(Page(reports[name] / "report.html").text.split())
+    table = pd.read_csv(reports[name] / "tables" / "claims.csv")
+    assert set(table["claim"]) == {claim.name for claim in CLAIMS[name]}
+    for statement in table["statement"]:
+        assert statement in text
+    medians = pd.read_csv(reports[name] / "tables" / "medians.csv")
+    assert len(medians) > 0
+    for center in medians["center"]:
+        assert f"{center:.2f}".replace("-", "\N{MINUS SIGN}") in text
+    assert NOTICE in text and COMMAND in text and "0123abc" in text
+
+
+def test_the_page_and_the_pdf_have_one_content(
+    results: dict[str, Results], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are set from the same blocks; every text of them is in the page."""
+    given: list[dict[str, Any]] = []
+    monkeypatch.setattr(rendering, "write", lambda output, data: given.append(data))
+    monkeypatch.setattr(document, "write_text", lambda path, text: None)
+    write(tmp_path, results["exp4"], "exp4", notice=None)
+    (data,) = given
+    page = rendering.html(tmp_path, data)
+    (tmp_path / "page.html").write_text(page, "utf-8")
+    text = " ".join(Page(tmp_path / "page.html").text.split())
+    pdf = rendering.pdf(tmp_path, data)
+    count = re.search(rb"/Type/Pages/Count (\d+)", pdf)
+    assert count is not None and int(count.group(1)) >= 4
+    texts = [block["text"] for block in data["blocks"] if "text" in block]
+    texts += [block["caption"] for block in data["blocks"] if "caption" in block]
+    texts += [item if isinstance(item, str) else item[1] for block in data["blocks"] for item in block.get("items", ())]
+    assert len(texts) > 30
+    for part in texts:
+        assert " ".join(part.split()) in text
+
+
+def test_writing_twice_gives_the_same_bytes(
+    results: dict[str, Results], reports: dict[str, Path], whole: Path, tmp_path: Path
+) -> None:
+    again = {**reports, "exp5": tmp_path / "exp5"}
+    write(again["exp5"], results["exp5"], "exp5")
+    paper.write(tmp_path / "paper", parts(results, again), command="make paper", notice=None)
+    for first, second in ((reports["exp5"], again["exp5"]), (whole, tmp_path / "paper")):
+        for path in filter(Path.is_file, first.rglob("*")):
+            assert path.read_bytes() == (second / path.relative_to(first)).read_bytes(), path.name
+
+
+def test_a_complete_report_is_left_alone(results: dict[str, Results], tmp_path: Path) -> None:
+    """A file removed by hand stays away as long as stages, arguments and code are the same; other names change it."""
+    few = Results(results["exp1"].jobs[:1])
+    write(tmp_path, few, "exp1")
+    table = tmp_path / "tables" / "medians.csv"
     content = table.read_bytes()
     table.unlink()
-    write(report, jobs, title=TITLE, command=COMMAND, notice=NOTICE)
+    write(tmp_path, few, "exp1")
     assert not table.exists()
-    (report / "provenance.json").unlink()
-    write(report, jobs, title=TITLE, command=COMMAND, notice=NOTICE)
+    renamed = settings("exp1").model_copy(update={"names": {"cem": "CEM"}})
+    document.write(tmp_path, few, renamed, title="exp1", command=COMMAND, notice=NOTICE)
     assert table.read_bytes() == content
+    assert json.loads((tmp_path / "provenance.json").read_text("utf-8"))["settings"]["names"] == {"cem": "CEM"}
 
 
-def test_the_notice_is_red_on_every_figure(report: Path) -> None:
-    for path in report.glob("figures/*.png"):
-        assert _red_pixels(path.read_bytes(), rows=60) > 500, path.name
+def test_an_experiment_of_ones_own_has_no_claims(results: dict[str, Results], tmp_path: Path) -> None:
+    """One setting without a context, and nothing of the paper to compare it with: no claims, no map."""
+    plain = ReportSettings.model_validate(yaml.safe_load((CONF / "report/default.yaml").read_text("utf-8")))
+    document.write(tmp_path, Results(results["exp1"].jobs[:1]), plain, title="Mine", command="affmap", notice=None)
+    text = Page(tmp_path / "report.html").text
+    assert "claim" not in text.replace("What the paper claims", "") and "Median mean distance" in text
+    assert not list(tmp_path.glob("tables/claims.*")) and not (tmp_path / "figures" / "maps.png").exists()
+
+
+def test_settings_that_colours_cannot_tell_apart_are_refused(results: dict[str, Results], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"report.color=layout, or run one layout only"):
+        write(tmp_path, results["exp2"], "exp1")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_notice_is_red_on_every_figure(reports: dict[str, Path]) -> None:
+    for name, figures in DRAWN.items():
+        for figure in figures:
+            assert _red_pixels((reports[name] / "figures" / f"{figure}.png").read_bytes(), 60) > 500, (name, figure)
 
 
 def test_the_notice_is_red_at_the_head_of_the_document(tmp_path: Path) -> None:
-    heads = {}
-    for notice in ("", NOTICE):
-        template = Path(document.__file__).with_name("report.typ").read_bytes()
-        compiler = typst.Compiler(template, root=tmp_path, sys_inputs={"data": json.dumps(_empty_document(notice))})
-        page = compiler.compile(format="png", ppi=72)
-        heads[notice] = _red_pixels(page[0] if isinstance(page, list) else page, rows=150)
-    assert heads[""] == 0 and heads[NOTICE] > 100
+    pages = {
+        notice: rendering.pdf(tmp_path, {"title": "Title", "notice": notice, "blocks": []}, format="png", ppi=72)
+        for notice in ("", NOTICE)
+    }
+    assert _red_pixels(pages[""], 150) == 0 and _red_pixels(pages[NOTICE], 150) > 100
 
 
-def test_the_document_has_pages(report: Path) -> None:
-    pdf = (report / "report.pdf").read_bytes()
-    assert pdf.startswith(b"%PDF")
-    count = re.search(rb"/Type/Pages/Count (\d+)", pdf)
-    assert count is not None and int(count.group(1)) >= 3
-
-
-def test_the_markdown_table_has_a_row_per_part(report: Path) -> None:
-    lines = (report / "tables" / "claims.md").read_text("utf-8").splitlines()
-    assert len(lines) == 2 + 7 + 5
-    assert all(line.count("|") == 7 for line in lines)
-    assert all("not decided" in line for line in lines[2:]), "two members decide nothing"
-
-
-def test_provenance_lists_each_stage_once_and_only_what_differs(report: Path) -> None:
-    origin = json.loads((report / "provenance.json").read_text("utf-8"))
+def test_provenance_lists_each_stage_once_and_only_what_differs(reports: dict[str, Path]) -> None:
+    origin = json.loads((reports["exp1"] / "provenance.json").read_text("utf-8"))
     assert len(origin["stages"]) == 1 + 2 + 2 + 4
     assert origin["seconds"] == pytest.approx(9 * 12.5)
     assert origin["versions"] == [{"affmap": "0.1.0", "torch": "2.13.0", "numpy": "2.4.6"}]
-    trained = {stage["digest"]: stage["differs"] for stage in origin["stages"] if stage["stage"] == "train"}
-    assert trained == {"t0": {}, "t8": {"model.context_size": 8}}
+    trained = [stage["differs"] for stage in origin["stages"] if stage["stage"] == "train"]
+    assert trained == [{}, {"model.context_size": 8}]
+    flown = json.loads((reports["exp2"] / "provenance.json").read_text("utf-8"))["stages"]
+    names = {stage["differs"].get("control_layout.name") for stage in flown if stage["stage"] == "control"}
+    assert names == {None, "two_obstacles", "twelve_obstacles"}
 
 
-@pytest.mark.parametrize(("sizes", "planners"), [((0,), ("cem",)), ((3,), ("gradient",))])
-def test_a_part_of_the_settings_is_enough(
-    write_stages: WriteStages, tmp_path: Path, sizes: tuple[int, ...], planners: tuple[str, ...]
-) -> None:
-    jobs = write_stages(tmp_path / "stages", sizes, planners, members=2, epochs=1)
-    assert write(tmp_path / "out", jobs, title=TITLE, command=COMMAND, notice=None).exists()
-    assert (tmp_path / "out" / "figures" / "figure5.png").exists() == ("cem" in planners)
-    assert (tmp_path / "out" / "figures" / "maps.png").exists() == (max(sizes) > 0)
-
-
-def test_captions_state_the_verdicts_of_the_data(write_stages: WriteStages, tmp_path: Path) -> None:
+def test_captions_and_counts_state_the_verdicts_of_the_data(write_stages: WriteStages, tmp_path: Path) -> None:
+    """By construction all claims hold; turned around, the first one does not."""
     results = Results(tuple(write_stages(tmp_path, (0, 1, 8), members=6)))
-    scores = claims.score(results)
-    assert "claim I-1 holds" in captions.captions(results, scores)["figure4"]
-    assert "8 hold (I-1" in captions.verdict_count(scores)
+    names = ", ".join(f"I-{number}" for number in range(1, 9))
+    scores = claims.score(results, "exp1")
+    assert sentences.verdicts(scores) == f"{names} hold"
+    assert f"8 hold ({names})" in sentences.verdict_count(scores)
     results.last_epoch["validation_nll"] *= -1
-    scores = claims.score(results)
-    assert "claim I-1 does not hold" in captions.captions(results, scores)["figure4"]
-    assert "1 does not hold (I-1)" in captions.verdict_count(scores)
+    scores = claims.score(results, "exp1")
+    assert sentences.verdicts(scores).endswith("; I-1 does not hold")
+    assert "1 does not hold (I-1)" in sentences.verdict_count(scores)
 
 
-def test_box_plots_are_the_papers() -> None:
-    """1 to 8 and an outlier: quartiles 3 and 7, whiskers to 1 and 8 (limits -3 and 13), no point at 90."""
-    values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 90.0]
-    runs = pd.DataFrame({"context_size": 0, "planner": "cem", "mean_distance": values})
-    ax = panels.boxes(Figure().subplots(), runs, "mean_distance")
-    box = np.asarray(ax.patches[0].get_path().vertices)[:, 1]
-    assert (box.min(), box.max()) == (3.0, 7.0)
-    drawn = np.concatenate([np.asarray(line.get_ydata()) for line in ax.lines])
-    assert set(drawn) == {1.0, 3.0, 5.0, 7.0, 8.0}, "whisker ends, quartiles and the median, no outlier"
+def test_worlds_without_a_way_are_counted(results: dict[str, Results]) -> None:
+    """By construction: the last of the four runs of each of two members, at two context sizes, in hard worlds."""
+    (sentence,) = sentences.uncrossable(results["exp5"], settings("exp5"))
+    assert sentence.startswith("In 4 (hard) of 32 runs")
+    assert sentences.uncrossable(results["exp4"], settings("exp4")) == []
 
 
-def test_half_way_is_the_first_step_with_half_of_the_distance_left() -> None:
-    position = np.zeros((1, 6, 2))
-    position[0, :, 0] = [0.0, 0.3, 0.6, 0.4, 0.9, 1.0]
-    plans = np.zeros((1, 5, 20, 2))
-    paths = Trajectories(position, np.array([[1.0, 0.0]]), plans, plans, np.zeros(1, int), np.zeros(1, int))
-    assert figures._half_way(paths, 0) == 2
-    stuck = paths._replace(position=position * 0.4)
-    assert figures._half_way(stuck, 0) == 4, "never half way: the closest step that has a plan"
+def test_the_paper_has_every_claim_and_what_is_missing(whole: Path) -> None:
+    page = Page(whole / "report.html")
+    names = [claim.name for found in CLAIMS.values() for claim in found]
+    table = pd.read_csv(whole / "tables" / "claims.csv")
+    assert list(dict.fromkeys(table["claim"])) == names
+    assert set(table.loc[table["missing"].notna(), "experiment"]) == {"exp5"}
+    for name in names:
+        assert re.search(rf"^{name}$", page.text, re.MULTILINE)
+    assert f"Of the paper's {len(names)} claims about its experiments" in page.text
+    assert page.text.count(MISSING) == 2, "on the first page and in the section"
+    assert page.text.count("so far") == len(CLAIMS["exp5"])
+    assert MISSING in page.text.split("Statement")[0], "above the first table"
 
 
-def test_the_example_is_the_lower_median_run_of_the_first_member(jobs: list[Job]) -> None:
-    results = Results(tuple(jobs))
-    runs = results.runs.query("planner == 'cem' and member == 0")
-    order = runs.groupby("run")["mean_distance"].mean().sort_values().index
-    examples = figures.choose_examples(results)
-    assert [example.context_size for example in examples] == [0, 8]
-    assert {(example.member, example.run) for example in examples} == {(0, order[1])}
+def test_what_two_experiments_share_is_counted_once(results: dict[str, Results]) -> None:
+    """By hand: Experiment II adds no data and no training; its two new worlds have a map and a control each."""
+    first, second = provenance.costs([results["exp1"], results["exp2"]])
+    assert [(cost.stage, cost.folders) for cost in first] == [("data", 1), ("train", 2), ("map", 2), ("control", 4)]
+    assert [(cost.stage, cost.folders) for cost in second] == [("data", 0), ("train", 0), ("map", 4), ("control", 4)]
+    assert [cost.seconds for cost in second] == [0.0, 0.0, 50.0, 50.0]
 
 
-def _red_pixels(png: Any, rows: int) -> int:
+def test_the_paper_refuses_figures_of_other_results(
+    results: dict[str, Results], reports: dict[str, Path], tmp_path: Path
+) -> None:
+    wrong = Part("Experiment I", results["exp2"], settings("exp2"), reports["exp1"], "")
+    with pytest.raises(ValueError, match="holds no report of these results"):
+        paper.write(tmp_path, [wrong], command="make paper", notice=None)
+
+
+def test_points_are_titles_and_texts() -> None:
+    """By hand."""
+    assert points("- **A.** one\n  two\n- **B b.** three\n") == [("A.", "one two"), ("B b.", "three")]
+
+
+def test_numbers_and_words_are_enumerated() -> None:
+    """By hand."""
+    assert (span([3, 1, 2]), span([4, 4])) == ("1 to 3", "4")
+    assert [listed(words) for words in ([], ["a"], ["a", "b", "c"])] == [NOTHING, "a", "a, b and c"]
+
+
+def test_a_deviation_is_told_where_it_was_run(results: dict[str, Results]) -> None:
+    """Values of what was run are filled in; a point about something else is left out."""
+    template = "- **A.** ${control_layout.name}\n- **B.** ${channel.fog}\n- **C.** ${gradient.decay}\n"
+    assert provenance.fill(template, [results["exp1"]]) == [("A.", "original")]
+    assert provenance.fill(template, [results["exp4"], results["exp1"]]) == [("A.", "fog"), ("B.", "fog")]
+
+
+def _red_pixels(png: bytes, rows: int) -> int:
     top = matplotlib.image.imread(io.BytesIO(png))[:rows, :, :3]
     return int(((top[..., 0] > 0.9) & (top[..., 1:] < 0.4).all(axis=-1)).sum())
-
-
-def _empty_document(notice: str) -> dict[str, Any]:
-    lists = ("changes", "findings", "costs", "claims", "context_sizes", "medians", "provenance", "stages")
-    texts = ("count", "setting", "rule", "ranges", "deviations")
-    empty: dict[str, Any] = {name: [] for name in lists} | dict.fromkeys(texts, "")
-    return {"title": TITLE, "notice": notice, "figures": {}} | empty

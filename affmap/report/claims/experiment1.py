@@ -1,0 +1,78 @@
+"""The claims of Experiment I, obstacle avoidance. EB: evolutionary-based, GB: gradient-based planning."""
+
+from functools import partial
+
+from affmap.report.claims import encoding, parts
+from affmap.report.claims.encoding import Contrast
+from affmap.report.claims.parts import Claim, Pair, Part
+from affmap.report.statistics import Direction
+from affmap.report.tables import PLANNERS, Results
+
+
+def _control(results: Results, planner: str, metric: str, direction: Direction) -> list[Part]:
+    return [parts.trend(parts.flown(results, planner=planner), metric, direction, PLANNERS[planner])]
+
+
+def _without_context(results: Results) -> list[Part]:
+    runs = results.runs.query("context_size == 0")
+    outcome = parts.lower(runs, "mean_distance", Pair("planner", "gradient", "cem"))
+    return [Part("", "GB minus EB at C = 0", "u", outcome)]
+
+
+def _with_context(results: Results) -> list[Part]:
+    runs = results.runs.query("context_size > 0")
+    outcome = parts.lower_with_sizes(runs, "mean_distance", Pair("planner", "cem", "gradient"))
+    return [Part("", "EB minus GB, mean over C > 0", "u", outcome)]
+
+
+def _encoding(results: Results) -> list[Part]:
+    painted = parts.largest_maps(results)
+    found: list[Part] = []
+    for name, (statement, effect_of, contrast) in _CONTRASTS.items():
+        found += parts.encoded(painted, contrast, name, effect_of, statement)
+    return found
+
+
+_CONTRASTS: dict[str, tuple[str, str, Contrast]] = {
+    "a": (
+        "Codes beside a surface are farther from the free-space code than codes elsewhere.",
+        "distance to the free-space code, elsewhere minus beside",
+        encoding.obstacle_contrast,
+    ),
+    "b": (
+        "Codes beside an obstacle's side are nearer to those beside the border side that blocks the same direction.",
+        "distance to the matching minus to the other border sides",
+        encoding.side_match,
+    ),
+}
+
+CLAIMS = (
+    Claim("I-1", "The validation loss falls with the context size.", parts.loss_falls),
+    Claim(
+        "I-2",
+        "EB: the prediction error falls with the context size.",
+        partial(_control, planner="cem", metric="prediction_error", direction="falls"),
+    ),
+    Claim(
+        "I-3",
+        "EB: the mean distance falls with the context size.",
+        partial(_control, planner="cem", metric="mean_distance", direction="falls"),
+    ),
+    Claim(
+        "I-4",
+        "GB: the prediction error falls with the context size.",
+        partial(_control, planner="gradient", metric="prediction_error", direction="falls"),
+    ),
+    Claim(
+        "I-5",
+        "GB: the mean distance rises with the context size.",
+        partial(_control, planner="gradient", metric="mean_distance", direction="rises"),
+    ),
+    Claim("I-6", "Without a context, GB comes closer to the goal than EB.", _without_context),
+    Claim("I-7", "With a context, EB comes closer to the goal than GB.", _with_context),
+    Claim(
+        "I-8",
+        "The map encodes obstacles unlike free space, and their sides like the matching sides of the border.",
+        _encoding,
+    ),
+)

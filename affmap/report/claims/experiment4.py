@@ -1,0 +1,72 @@
+"""The claims of Experiment IV, uncertainty avoidance: fog where Experiment I has obstacles."""
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from affmap.report import statistics
+from affmap.report.claims import encoding, parts
+from affmap.report.claims.parts import METRICS, Claim, Part
+from affmap.report.statistics import Outcome
+from affmap.report.tables import Results, score_matrix
+from affmap.report.text import number
+
+CLOSE_TO_ONE = 0.8
+"""Share of runs. The paper says "relatively close to 1", on an axis from 0 to 1: four of five runs, or more."""
+
+
+def _loss(results: Results) -> list[Part]:
+    return [_with_minus_without(results.last_epoch, "validation_nll")]
+
+
+def _error(results: Results) -> list[Part]:
+    return [_with_minus_without(parts.flown(results), "prediction_error")]
+
+
+def _with_minus_without(table: pd.DataFrame, metric: str) -> Part:
+    """Test whether a metric is lower with a context, on average over the sizes above 0, than without."""
+    sizes = sorted(size for size in table["context_size"].unique() if size > 0)
+    if not sizes or 0 not in table["context_size"].to_numpy():
+        outcome = statistics.undecided(parts.SIGNED_RANK, 0, "needs C = 0 and a context size above 0")
+    else:
+        scores = score_matrix(table, metric)
+        without = scores[0].to_numpy(float)
+        each = {size: statistics.lower(scores[size].to_numpy(float), without) for size in sizes}
+        notes = [f"C = {size}: {parts.short(outcome, METRICS[metric])}" for size, outcome in each.items()]
+        mean = scores[sizes].to_numpy(float).mean(axis=1)
+        outcome = parts.with_note(statistics.lower(mean, without), notes)
+    return Part("", "mean over C > 0 minus C = 0", METRICS[metric], outcome)
+
+
+def _success(results: Results) -> list[Part]:
+    runs = parts.flown(results)
+    outcome = _at_least(runs[runs["context_size"] > 0])
+    shares = runs.groupby("context_size")["success"].mean()
+    notes = [f"C = {size}: {number(share)}" for size, share in shares.items()]
+    return [Part("", "mean over C > 0", METRICS["success"], parts.with_note(outcome, notes))]
+
+
+def _at_least(runs: pd.DataFrame) -> Outcome:
+    shares = score_matrix(runs, "success").to_numpy(float).mean(axis=1) if len(runs) else np.empty(0)
+    return statistics.at_least(shares, CLOSE_TO_ONE)
+
+
+def _kinds(results: Results) -> list[Part]:
+    painted = parts.largest_maps(results)
+    pairs = {"a": ("free space", "border"), "b": ("free space", "fog"), "c": ("border", "fog")}
+    found: list[Part] = []
+    for name, (first, second) in pairs.items():
+        contrast = partial(encoding.separation, first=first, second=second)
+        says = f"The codes of {first} and of {second} are farther apart than the codes of either scatter."
+        effect_of = f"scatter of codes minus distance between {first} and {second}"
+        found += parts.encoded(painted, contrast, name, effect_of, says)
+    return found
+
+
+CLAIMS = (
+    Claim("IV-1", "A context lowers the validation loss.", _loss),
+    Claim("IV-2", "A context lowers the prediction error.", _error),
+    Claim("IV-3", f"With a context, the share of successful runs is close to 1: at least {CLOSE_TO_ONE:g}.", _success),
+    Claim("IV-4", "Free space, border and fog are encoded differently.", _kinds),
+)

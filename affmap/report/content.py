@@ -1,0 +1,150 @@
+"""The content of a report about one experiment as blocks (`blocks.py`): results, tests, origin; all cells are text."""
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+from affmap.report import blocks, claims, provenance, sentences
+from affmap.report.blocks import Block
+from affmap.report.claims import Score
+from affmap.report.groups import readable
+from affmap.report.settings import ReportSettings
+from affmap.report.statistics import LEVEL
+from affmap.report.tables import PLANNERS, Results
+from affmap.report.text import NOTHING, metric_name, number, p_value, span
+
+RULE = (
+    "Tests are paired by member; a member's score is its mean over its runs. Trends over context sizes: Page's "
+    "trend test (Wilcoxon's signed-rank test where only two sizes were run); two conditions: Wilcoxon's "
+    f"signed-rank test. A claim holds when the one-sided p in its direction is below {LEVEL}, does not "
+    "hold when the one-sided p in the opposite direction is, and is not decided otherwise. A claim of a size (a level, "
+    "or being the same up to a margin) has no p; its 95 % interval decides. Intervals: BCa bootstrap of the mean over "
+    "members. The p values are not corrected for the number of claims. sd: standard deviation of a member's own map. "
+    "A claim of several parts holds when all do."
+)
+
+RANGES = (
+    "The paper prints no result as text; the ticks of its figures' axes are the only numbers. What lies inside them "
+    "is consistent with the paper, not more; a star marks what lies outside. Whether the paper's likelihoods include "
+    "the constant log 2π (1.84 nats for two coordinates) is unknown; ours are the full density."
+)
+
+
+def experiment(results: Results, scores: Sequence[Score], settings: ReportSettings) -> list[Block]:
+    """What was found and what was run: the head of a report."""
+    costs = [[cost.stage, str(cost.folders), number(cost.seconds, 0)] for cost in provenance.costs([results])[0]]
+    return [
+        blocks.heading("Summary"),
+        *([blocks.paragraph(sentences.verdict_count(scores))] if scores else []),
+        blocks.bullets([*sentences.changes(results, settings), *sentences.uncrossable(results, settings)]),
+        blocks.heading("What was run"),
+        blocks.paragraph(sentences.setting(results)),
+        blocks.table(["Stage", "Folders", "Seconds in total, each since it was last started"], costs),
+    ]
+
+
+def figures(names: Sequence[str], drawn: Collection[str], captions: Mapping[str, str], folder: str = "") -> list[Block]:
+    """Those of the figures `names` that were drawn, in a part of the folder of figures."""
+    return [blocks.figure(f"{folder}{name}", captions[name]) for name in names if name in drawn]
+
+
+def tests(scores: Sequence[Score], results: Results) -> list[Block]:
+    """The claims and what the tests say about them; nothing where the paper claims nothing."""
+    if not scores:
+        return []
+    return [
+        blocks.heading("The paper's claims"),
+        blocks.bullets([*sentences.findings(scores), sentences.spikes(results)]),
+        blocks.paragraph(RULE),
+        blocks.claims(claim_rows(scores)),
+    ]
+
+
+def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
+    """The middle of each setting's results beside the paper's axes."""
+    header = ["", "Planner", "Layout", "Values", *(f"C = {size}" for size in results.context_sizes), "Paper's axis"]
+    title = "Medians, means and the paper's axes" if settings.outcome == "success" else "Medians and the paper's axes"
+    return [blocks.heading(title, level), blocks.table(header, _median_rows(results, settings))]
+
+
+def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
+    """One row per metric, planner and layout, one column per context size; a star where it is outside the axis."""
+    table = claims.medians(results, settings)
+    outside = table["paper_low"].notna() & ~table["inside"].fillna(True).astype(bool)
+    table["shown"] = table["center"].map(number) + outside.map({True: " *", False: ""})
+    table = table.fillna({"planner": "", "layout": ""})
+    rows = []
+    for _, group in table.groupby(["metric", "planner", "layout"], sort=False):
+        first = group.iloc[0]
+        label = f"{first['statistic']} {metric_name(first['metric'])} ({first['unit']})"
+        centers = group.set_index("context_size")["shown"].reindex(results.context_sizes, fill_value=NOTHING)
+        planner = PLANNERS.get(first["planner"], first["planner"]) or NOTHING
+        layout = readable(first["layout"], settings) if first["layout"] else NOTHING
+        known = group["paper_low"].notna().all()
+        axis = f"{number(first['paper_low'], 1)} to {number(first['paper_high'], 1)}" if known else NOTHING
+        rows.append([label, planner, layout, span(group["number"]), *centers, axis])
+    return rows
+
+
+def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
+    """One row per claim, or per part followed by the whole where a claim has several."""
+    rows = []
+    for item in scores:
+        several = len(item.parts) > 1
+        for part in item.parts:
+            outcome = part.outcome
+            detail = [part.effect_of, f"{outcome.test}, {outcome.members} members", outcome.note]
+            rows.append(
+                {
+                    "name": f"{item.claim.name} {part.name}".strip(),
+                    "statement": part.statement if several else item.claim.statement,
+                    "detail": "; ".join(filter(None, detail)),
+                    "effect": sentences.effect(outcome, part.unit),
+                    "p": p_value(outcome.p),
+                    "opposite": p_value(outcome.p_opposite),
+                    "verdict": outcome.verdict.value,
+                }
+            )
+        if several:
+            whole = {"name": item.claim.name, "statement": item.claim.statement, "detail": "all parts together"}
+            rows.append(whole | {"effect": NOTHING, "p": NOTHING, "opposite": NOTHING, "verdict": item.verdict.value})
+    return rows
+
+
+def claims_markdown(scores: Sequence[Score]) -> str:
+    """The claims as a Markdown table."""
+    lines = [
+        "| claim | statement | effect [95 % interval] | p | p opposite | verdict |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in claim_rows(scores):
+        cells = (row[key] for key in ("name", "statement", "effect", "p", "opposite", "verdict"))
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def origins(records: Sequence[Mapping[str, Any]], command: str) -> Block:
+    """Where results come from, out of what `provenance.summarize` returned; each value once."""
+    lines = [("Command:", command)]
+    for name in ("git", "versions", "machine"):
+        values = provenance.distinct([value for record in records for value in record[name]])
+        lines += [(f"{name.capitalize()}:", _plain(value)) for value in values]
+    return blocks.points(lines)
+
+
+def stages(record: Mapping[str, Any]) -> Block:
+    """Every stage that results come from, out of what `provenance.summarize` returned."""
+    rows = [
+        [
+            stage["stage"],
+            stage["digest"][:12],
+            str(stage["started"]),
+            number(stage["seconds"], 0),
+            provenance.setting_of(stage["differs"]),
+        ]
+        for stage in record["stages"]
+    ]
+    return blocks.table(["Stage", "Digest", "Started", "Seconds", "Setting"], rows, wide=4)
+
+
+def _plain(value: Any) -> str:
+    return ", ".join(f"{key} {item}" for key, item in value.items()) if isinstance(value, dict) else str(value)

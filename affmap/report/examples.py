@@ -1,0 +1,50 @@
+"""Which runs and moments are shown: chosen by a rule, because the best ones would say little."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from affmap.report.tables import Job, Results, Trajectories
+
+EXAMPLE_RULE = (
+    "the first member, of its runs in a layout the one whose mean distance to the goal, averaged over the context "
+    "sizes shown, is the lower median, and the first step at which at most half of the initial distance is left (where "
+    "that never happens: the step that comes closest)"
+)
+"""How the runs and moments that are shown are chosen."""
+
+
+class Example(NamedTuple):
+    """A run of one setting, chosen by `EXAMPLE_RULE`."""
+
+    job: Job
+    member: int
+    run: int
+    problem: int
+    """Its place among the B runs in `paths`."""
+    step: int
+    paths: Trajectories
+
+
+def choose_examples(results: Results, layout: str) -> list[Example]:
+    """The runs in a layout that are shown, by `EXAMPLE_RULE`; of EB, or of GB where that alone was run."""
+    planner = results.planners[0]
+    runs = results.runs[(results.runs["planner"] == planner) & (results.runs["layout"] == layout)]
+    sizes = sorted({int(runs["context_size"].min()), int(runs["context_size"].max())})
+    runs = runs[runs["context_size"].isin(sizes) & (runs["member"] == runs["member"].min())]
+    distances = runs.groupby("run")["mean_distance"].mean().sort_values(kind="stable")
+    member, run = int(runs["member"].iloc[0]), int(distances.index[(len(distances) - 1) // 2])
+    examples = []
+    for job in filter(None, (results.job(size, planner, layout) for size in sizes)):
+        paths = results.trajectories(job)
+        index = int(np.flatnonzero((paths.member == member) & (paths.run == run))[0])
+        examples.append(Example(job, member, run, index, half_way(paths, index), paths))
+    return examples
+
+
+def half_way(paths: Trajectories, index: int) -> int:
+    """First step with at most half of the initial distance left; where there is none, the closest one."""
+    steps = paths.planned_position.shape[1]
+    distance = np.linalg.norm(paths.position[index, :steps] - paths.goal[index], axis=-1)  # [T]
+    arrived = distance <= distance[0] / 2
+    return int(arrived.argmax() if arrived.any() else distance.argmin())

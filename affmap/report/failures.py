@@ -1,0 +1,65 @@
+"""Why runs fail, and where: pure functions of the results."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from affmap.report.tables import Floats, Job, Results
+
+REASONS = {
+    "fog": "touched fog",
+    "stuck": "never arrived: stuck",
+    "other": "never arrived: other",
+}
+"""Reason -> its name. A run that touched fog counts there, also where it did not arrive."""
+
+
+class Places(NamedTuple):
+    """Where runs of one layout went wrong; positions in u. A run may be in both."""
+
+    fog: Floats
+    """`[F, 2]` where runs were when they first touched fog."""
+    ended: Floats
+    """`[E, 2]` where runs that never arrived were at their end."""
+
+
+def are_of_interest(results: Results) -> bool:
+    """Whether runs can fail for several reasons: there is fog, or a world of its own for each run."""
+    return any(has_fog(results, job) or len(set(results.worlds(job))) > 1 for job in results.jobs)
+
+
+def has_fog(results: Results, job: Job) -> bool:
+    """Whether there is fog where the runs of `job` fly."""
+    return any(circle.effect == "fog" for world in results.worlds(job) for circle in world.circles)
+
+
+def with_reasons(results: Results) -> pd.DataFrame:
+    """The runs with the column `reason`: a key of `REASONS`, or empty for a success.
+
+    Stuck: the positions of the last quarter of the run lie within a circle as large as the vehicle, around their mean.
+    """
+    runs = results.runs
+    diameter = 2 * results.worlds(results.jobs[0])[0].vehicle_radius
+    conditions = [runs["success"].astype(bool), runs["steps_in_fog"] > 0, runs["final_spread"] < diameter]
+    return runs.assign(reason=np.select(conditions, ["", "fog", "stuck"], "other"))
+
+
+def shares(runs: pd.DataFrame) -> pd.DataFrame:
+    """Share of the runs that failed for each reason: one row per context size, one column per key of `REASONS`."""
+    counts = runs.groupby("context_size")["reason"].value_counts(normalize=True).unstack(fill_value=0)
+    return counts.reindex(columns=list(REASONS), fill_value=0).astype(float)
+
+
+def places(results: Results, layout: str, planner: str) -> Places:
+    """Where runs went wrong, over all context sizes above 0 (over 0 where no other was run)."""
+    found = [job for job in results.jobs if (job.layout, job.planner) == (layout, planner)]
+    chosen = [job for job in found if job.context_size > 0] or found
+    fog, ended = [], []
+    for job in chosen:
+        paths = results.trajectories(job)
+        touched = paths.in_fog.any(axis=1)
+        first = paths.in_fog[touched].argmax(axis=1) + 1  # a step's end is the next position
+        fog.append(paths.position[touched, first])
+        ended.append(paths.position[~paths.reached.any(axis=1), -1])
+    return Places(np.concatenate(fog), np.concatenate(ended))

@@ -1,0 +1,132 @@
+"""A report's sentences. What states a result is made from the results: no verdict and no number is written here."""
+
+from collections.abc import Sequence
+
+from affmap.report import provenance
+from affmap.report.claims import METRICS, Score
+from affmap.report.groups import make_groups, readable
+from affmap.report.settings import ReportSettings
+from affmap.report.statistics import Outcome, Verdict
+from affmap.report.tables import Results
+from affmap.report.text import NOTHING, listed, metric_name, number, span
+
+_PLANNER_NAMES = {"cem": "EB (evolutionary-based)", "gradient": "GB (gradient-based)"}
+
+_COUNTS = {
+    Verdict.HOLDS: ("holds", "hold"),
+    Verdict.DOES_NOT_HOLD: ("does not hold", "do not hold"),
+    Verdict.NOT_DECIDED: ("is not decided", "are not decided"),
+}
+"""What one claim does, and what several do."""
+
+
+def effect(outcome: Outcome, unit: str) -> str:
+    """An effect with its interval and unit."""
+    if outcome.effect is None:
+        return NOTHING
+    size = number(outcome.effect, sign=True)
+    if outcome.low is None or outcome.high is None:
+        return f"{size} {unit}"
+    return f"{size} [{number(outcome.low, sign=True)}, {number(outcome.high, sign=True)}] {unit}"
+
+
+def _by_verdict(scores: Sequence[Score]) -> dict[Verdict, list[str]]:
+    """Verdict -> names of the claims that have it."""
+    return {verdict: [score.claim.name for score in scores if score.verdict == verdict] for verdict in _COUNTS}
+
+
+def verdicts(scores: Sequence[Score]) -> str:
+    """Which claims hold, which do not, and which are not decided; what there is none of is left out."""
+    found = _by_verdict(scores).items()
+    return "; ".join(f"{', '.join(names)} {_COUNTS[verdict][len(names) > 1]}" for verdict, names in found if names)
+
+
+def verdict_count(scores: Sequence[Score], about: str = "this experiment") -> str:
+    """How many claims hold, do not hold, and are not decided, with their names."""
+    words = []
+    for verdict, names in _by_verdict(scores).items():
+        shown = f" ({', '.join(names)})" if names else ""
+        words.append(f"{len(names)} {_COUNTS[verdict][len(names) != 1]}{shown}")
+    return f"Of the paper's {len(scores)} claims about {about}, {words[0]}, {words[1]}, and {words[2]}."
+
+
+def changes(results: Results, settings: ReportSettings) -> list[str]:
+    """What is typical at the smallest and the largest context size, a sentence per metric and planner or layout."""
+    groups = make_groups(results, settings)
+    sentences = []
+    for metric in ("validation_nll", "prediction_error", settings.outcome):
+        table = results.last_epoch if metric == "validation_nll" else results.runs
+        column = "layout" if metric == "validation_nll" else groups.column
+        values = {"layout": results.layouts, "planner": results.planners}[column]
+        for value in (value for value in values if value in set(table[column])):
+            scores = table[table[column] == value].astype({metric: float}).groupby("context_size")[metric]
+            centers = scores.mean() if metric == "success" else scores.median()
+            ends = [f"{number(centers[size])} {METRICS[metric]} at C = {size}" for size in centers.index[[0, -1]]]
+            who = f" ({readable(value, settings)})" if table[column].nunique() > 1 else ""
+            kind = "Share of successful runs" if metric == "success" else f"Median {metric_name(metric)}"
+            sentences.append(f"{kind}{who}: {', '.join(dict.fromkeys(ends))}.".replace(" share at", " at"))
+    return sentences
+
+
+def findings(scores: Sequence[Score]) -> list[str]:
+    """What the tests say, a sentence per claim."""
+    sentences = []
+    for score in scores:
+        parts = [part for part in score.parts if part.outcome.effect is not None]
+        effects = "; ".join(f"{part.name} {effect(part.outcome, part.unit)}".strip() for part in parts)
+        verb = _COUNTS[score.verdict][0]
+        sentences.append(f"{score.claim.name} {verb}: {score.claim.statement} ({effects or NOTHING})")
+    return sentences
+
+
+def spikes(results: Results, height: float = 2.0) -> str:
+    """How smooth the curves are: member-epochs whose validation loss stands out from their neighbours'."""
+    training = ["layout", "context_size"]
+    table = results.validation.sort_values([*training, "member", "epoch"])
+    around = table.groupby([*training, "member"])["validation_nll"].transform(
+        lambda losses: losses.rolling(7, center=True, min_periods=1).median()
+    )
+    above = table["validation_nll"] - around
+    last = table["epoch"] == table.groupby(training)["epoch"].transform("max")
+    return (
+        f"In {int((above > height).sum())} of {len(table)} member-epochs the validation loss lies more than "
+        f"{height:g} nats above the member's running median over 7 epochs (the largest by {number(above.max(), 1)}); "
+        f"{int((above[last] > height).sum())} of these are last epochs."
+    )
+
+
+def uncrossable(results: Results, settings: ReportSettings) -> list[str]:
+    """How many runs have a world without a way through, where there are any."""
+    blocked = results.runs[~results.runs["crossable"].astype(bool)]
+    if blocked.empty:
+        return []
+    counts = results.runs.assign(blocked=~results.runs["crossable"].astype(bool)).groupby("layout")["blocked"].sum()
+    named = [f"{int(counts[layout])} ({readable(layout, settings)})" for layout in results.layouts if counts[layout]]
+    share = blocked["success"].astype(bool).mean()
+    return [
+        f"In {listed(named)} of {len(results.runs)} runs the world has no way from start to goal on which the vehicle "
+        "can steer freely past obstacles and fog and against the force fields. These runs are part of every number "
+        f"here, as successes or failures like all others; {share:.0%} of them succeed (a vehicle may be carried "
+        "through a field)."
+    ]
+
+
+def setting(results: Results) -> str:
+    """What was run."""
+    members = results.last_epoch.groupby("context_size")["member"].nunique()
+    epochs = span(results.last_epoch["epoch"].unique())
+    sizes = ", ".join(map(str, results.context_sizes))
+    planners = " and ".join(_PLANNER_NAMES[planner] for planner in results.planners)
+    worlds = dict.fromkeys(world.name for job in results.jobs for world in results.training_worlds(job))
+    memory = max(record["peak_memory_mib"] for record in results.provenance.values())
+    seconds = sum(cost.seconds for cost in provenance.costs([results])[0])
+    return (
+        f"Context sizes {sizes}; {span(members)} members each, trained for {epochs} epochs in {_quoted(list(worlds))}; "
+        f"planners: {planners}; {len(results.runs)} runs of control in total, in {_quoted(results.layouts)}. All "
+        f"stages together took {number(seconds / 60, 1)} process minutes, each since it was last started; the "
+        f"largest process used {number(memory, 0)} MiB."
+    )
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return listed([f"“{name}”" for name in names])

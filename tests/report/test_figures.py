@@ -1,0 +1,193 @@
+"""References: hand-computed boxes, bars and rules; a member's own map for its colours."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+from affmap.report import arena, captions, examples, failures, figures, maps, panels, pictures
+from affmap.report.groups import Groups, make_groups
+from affmap.report.settings import ReportSettings
+from affmap.report.tables import Job, Results, Trajectories, World
+
+WriteStages = Callable[..., list[Job]]
+PLANNERS = Groups("planner", {"cem": "EB"}, {"EB": "#0072B2"})
+LAYOUTS = ReportSettings(
+    map_spacing=0.02,
+    snapshots=False,
+    compare=None,
+    partial=False,
+    claims=None,
+    color="layout",
+    names={"procedural_easy": "easy", "procedural_hard": "hard", "three_looks": "hard"},
+    outcome="success",
+    axes={},
+)
+
+
+@pytest.fixture(scope="module")
+def results(write_stages: WriteStages, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Results]:
+    root = tmp_path_factory.mktemp("stages")
+    names = ("exp1", "exp2", "exp3", "exp4", "exp5")
+    return {
+        name: Results(tuple(write_stages(root, (0, 8, 16), ("cem",), members=2, epochs=1, experiment=name)))
+        for name in names
+    }
+
+
+def test_box_plots_are_the_papers() -> None:
+    """1 to 8 and an outlier: quartiles 3 and 7, whiskers to 1 and 8 (limits -3 and 13), no point at 90."""
+    values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 90.0]
+    runs = pd.DataFrame({"context_size": 0, "planner": "cem", "mean_distance": values})
+    ax = panels.boxes(Figure().subplots(), runs, "mean_distance", PLANNERS)
+    box = np.asarray(ax.patches[0].get_path().vertices)[:, 1]
+    assert (box.min(), box.max()) == (3.0, 7.0)
+    drawn = np.concatenate([np.asarray(line.get_ydata()) for line in ax.lines])
+    assert set(drawn) == {1.0, 3.0, 5.0, 7.0, 8.0}, "whisker ends, quartiles and the median, no outlier"
+
+
+def test_bars_are_means_and_standard_deviations_over_members() -> None:
+    """By hand: members' shares 0, 1/2 and 1; mean 1/2, standard deviation 1/2."""
+    runs = pd.DataFrame({"context_size": 0, "planner": "cem", "member": [0, 0, 1, 1, 2, 2]})
+    runs["success"] = [False, False, True, False, True, True]
+    ax = panels.bars(Figure().subplots(), runs, "success", PLANNERS)
+    assert ax.patches[0].get_height() == 0.5
+    assert sorted(ax.lines[0].get_ydata()) == pytest.approx([0.0, 1.0])
+
+
+def test_failures_are_stacked_by_their_reasons() -> None:
+    """By hand: of four runs one is stuck, one touched fog and arrived, one touched fog and did not."""
+    runs = pd.DataFrame({"context_size": 3, "reason": ["", "stuck", "fog", "fog"]})
+    ax = panels.failures(Figure().subplots(), runs)
+    heights = {bars.get_label(): (bars[0].get_y(), bars[0].get_height()) for bars in ax.containers}
+    expected = {"touched fog": (0, 0.5), "never arrived: stuck": (0.5, 0.25), "never arrived: other": (0.75, 0)}
+    assert heights == expected
+
+
+def test_the_reason_of_a_failure(results: dict[str, Results]) -> None:
+    """By construction: who touched fog arrived, too; who did not arrive has stopped."""
+    runs = failures.with_reasons(results["exp5"])
+    assert (runs["reason"] == "").equals(runs["success"])
+    assert set(runs.loc[runs["steps_in_fog"] > 0, "reason"]) == {"fog"}
+    assert set(runs.loc[~runs["reached"], "reason"]) == {"stuck"}
+    moving = Results(results["exp5"].jobs)
+    moving.runs["final_spread"] = 0.13  # the vehicle is 0.12 u wide
+    assert set(failures.with_reasons(moving).loc[~moving.runs["reached"], "reason"]) == {"other"}
+    assert failures.are_of_interest(results["exp5"]) and failures.are_of_interest(results["exp4"])
+    assert not failures.are_of_interest(results["exp1"])
+
+
+def test_failures_are_placed_where_they_happened(results: dict[str, Results]) -> None:
+    """By construction: in fog from the first step on; with a context only."""
+    found = results["exp5"]
+    jobs = [job for job in found.jobs if job.layout == "procedural_hard" and job.context_size > 0]
+    runs = found.runs[(found.runs["layout"] == "procedural_hard") & (found.runs["context_size"] > 0)]
+    places = failures.places(found, "procedural_hard", "cem")
+    assert len(places.fog) == (runs["steps_in_fog"] > 0).sum() > 0
+    assert len(places.ended) == (~runs["reached"]).sum()
+    first = found.trajectories(jobs[0])
+    np.testing.assert_array_equal(places.fog[0], first.position[first.in_fog[:, 0].argmax(), 1])
+
+
+def test_cells_of_a_heat_map_count_positions(world: World) -> None:
+    """By hand: two positions in one cell, one in another, none elsewhere."""
+    ax = arena.heat(Figure().subplots(), np.array([[0.05, 0.11], [0.01, 0.19], [2.95, 1.95]]), world, outlined=True)
+    counts = ax.images[0].get_array()
+    assert counts[1, 0] == 2 and counts[19, 29] == 1 and counts.sum() == 3
+    empty = arena.heat(Figure().subplots(), np.empty((0, 2)), world, outlined=True)
+    assert not empty.images and len(empty.patches) == 2 * 6
+
+
+def test_maps_of_the_same_models_share_a_basis(results: dict[str, Results]) -> None:
+    """One map alone has the colours of `maps.colors`; in two worlds equal codes have equal colours."""
+    parts = pictures.painted(results["exp2"], 8)
+    alone = arena.paint([(parts[0].maps, parts[0].world)], 1)[0]
+    fit = maps.reachable(parts[0].maps.nodes, parts[0].world)
+    np.testing.assert_array_equal(alone, maps.colors(parts[0].maps.codes[1], fit))
+    first, second, _ = pictures.paint(parts, 1)
+    same = (parts[0].maps.codes[1] == parts[1].maps.codes[1]).all(axis=-1)
+    assert same.sum() > 1000
+    np.testing.assert_array_equal(first[same], second[same])
+    assert np.abs(first - alone).max() > 0.01, "the second world counts, too"
+
+
+def test_what_stands_in_place_of_the_curves(results: dict[str, Results]) -> None:
+    """Only Experiment II shows the same models in several worlds; those that are new to them come first."""
+    shown = {name: [part.world.name for part in pictures.several_worlds(found)] for name, found in results.items()}
+    assert shown.pop("exp2") == ["two_obstacles", "twelve_obstacles", "original"]
+    assert not any(shown.values())
+
+
+def test_the_papers_context_size_is_shown(results: dict[str, Results]) -> None:
+    assert pictures.map_size(results["exp5"]) == 8
+    jobs = results["exp5"].jobs
+    assert pictures.map_size(Results(tuple(job for job in jobs if job.context_size != 8))) == 16
+    assert pictures.map_size(Results(tuple(job for job in jobs if job.context_size == 0))) is None
+
+
+def test_every_world_is_shown_once(results: dict[str, Results]) -> None:
+    """By hand: four for training, three of each procedural layout, one for maps; and the only one of Experiment I."""
+    shown = pictures.shown_worlds(results["exp5"], LAYOUTS)
+    assert len(shown) == 4 + 3 + 3 + 1 and len(set(shown.values())) == 11
+    assert {"training fog (training)", "hard (control, run 2)", "four properties (maps)"} <= shown.keys()
+    assert list(pictures.shown_worlds(results["exp1"], LAYOUTS)) == ["original (training, control, maps)"]
+
+
+def test_curves_are_drawn_for_each_training(results: dict[str, Results]) -> None:
+    """Experiment III trains for both layouts, Experiment V once for both."""
+    titled = {name: figures.main_results(results[name], LAYOUTS).axes for name in ("exp3", "exp5")}
+    count = {name: sum(ax.get_xlabel() == "epoch" for ax in axes) for name, axes in titled.items()}
+    assert count == {"exp3": 2, "exp5": 1}
+
+
+def test_exploration_is_shown_in_every_world_of_every_data_set(results: dict[str, Results]) -> None:
+    names = {name: [world.name for *_, world in pictures.explored(found)] for name, found in results.items()}
+    assert names["exp1"] == names["exp2"] == ["original"]
+    assert names["exp3"] == ["original", "three_looks"]
+    assert names["exp5"] == ["training_obstacles", "training_fog", "training_force_up", "training_force_down"]
+
+
+def test_groups_have_names_and_colours_of_their_own(results: dict[str, Results]) -> None:
+    groups = make_groups(results["exp5"], LAYOUTS)
+    assert groups.names == {"procedural_easy": "easy", "procedural_hard": "hard"}
+    assert len(set(groups.palette.values())) == 2
+    with pytest.raises(ValueError, match=r"say report\.color=layout"):
+        make_groups(results["exp5"], LAYOUTS.model_copy(update={"color": "planner"}))
+
+
+def test_half_way_is_the_first_step_with_half_of_the_distance_left() -> None:
+    position = np.zeros((1, 6, 2))
+    position[0, :, 0] = [0.0, 0.3, 0.6, 0.4, 0.9, 1.0]
+    plans, never, ids = np.zeros((1, 5, 20, 2)), np.zeros((1, 5), bool), np.zeros(1, int)
+    paths = Trajectories(position, np.array([[1.0, 0.0]]), plans, plans, never, never, ids, ids)
+    assert examples.half_way(paths, 0) == 2
+    stuck = paths._replace(position=position * 0.4)
+    assert examples.half_way(stuck, 0) == 4, "never half way: the closest step that has a plan"
+
+
+def test_the_example_is_the_lower_median_run_of_the_first_member(results: dict[str, Results]) -> None:
+    for layout in results["exp2"].layouts:
+        runs = results["exp2"].runs.query("layout == @layout and member == 0 and context_size != 8")
+        order = runs.groupby("run")["mean_distance"].mean().sort_values().index
+        chosen = examples.choose_examples(results["exp2"], layout)
+        assert [example.job.context_size for example in chosen] == [0, 16]
+        assert {(example.job.layout, example.member, example.run) for example in chosen} == {(layout, 0, order[1])}
+
+
+def test_legends_name_the_effects_that_are_there(results: dict[str, Results]) -> None:
+    worlds = {name: found.worlds(found.jobs[-1]) for name, found in results.items()}
+    named = {name: [handle.get_label() for handle in arena.effect_handles(w)] for name, w in worlds.items()}
+    assert named["exp1"] == [], "obstacles only: a caption is enough"
+    assert named["exp3"] == ["no effect", "obstacle"] and named["exp4"] == ["fog"]
+    assert named["exp5"] == ["pulls up", "pulls down", "fog", "obstacle"]
+
+
+def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
+    """One layout has all context sizes, the other only the smallest."""
+    jobs = [job for job in results["exp5"].jobs if job.layout == "procedural_easy" or job.context_size == 0]
+    part = Results(tuple(jobs))
+    drawn = {name for name, draw in figures.FIGURES.items() if draw(part, LAYOUTS)}
+    assert drawn == set(figures.FIGURES) - {"growth"}
+    assert "(C) Prediction error in control, 8 runs a box" in captions.captions(part, [], LAYOUTS)["results"]

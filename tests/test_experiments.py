@@ -1,0 +1,81 @@
+"""All experiments of the paper at the tiniest scale, from exploration to the report of the whole."""
+
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from affmap.run import PAPER
+
+TINY = [
+    "scale=smoke",
+    "data.num_sequences=4",
+    "data.num_validation=1",
+    "data.num_steps=20",
+    "control.num_steps=4",
+    "report.map_spacing=0.1",
+    "lookup.spacing=0.25",
+    "model.context_size=0,1",
+    "hydra.launcher.n_jobs=1",
+]
+SCRIPT = """
+import sys
+from affmap import run
+def call(entry, *arguments):
+    sys.argv = [entry.__name__, *arguments, *sys.argv_given]
+    entry()
+sys.argv_given = sys.argv[1:]
+for experiment in run.PAPER:
+    call(run.main, f"experiment={experiment}")
+    call(run.report, f"experiment={experiment}")
+call(run.paper)
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the commands leave behind, all in one process, because most of their time is imports."""
+    folder = tmp_path_factory.mktemp("paper")
+    result = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", SCRIPT, *TINY], cwd=folder, capture_output=True, text=True, timeout=600
+    )
+    assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
+    assert "Traceback" not in result.stdout + result.stderr
+    return folder
+
+
+@pytest.mark.parametrize("experiment", PAPER)
+def test_an_experiment_ends_with_its_report(place: Path, experiment: str) -> None:
+    """PDF, page, tables and figures; a row for each run of each setting; every claim of FACTS, in order."""
+    output = place / "runs" / f"{experiment}-smoke"
+    assert (output / "report.pdf").read_bytes().startswith(b"%PDF")
+    HTMLParser().feed((output / "report.html").read_text("utf-8"))
+    assert len(list((output / "figures").glob("*.png"))) >= 5
+    runs = pd.read_csv(output / "tables" / "runs.csv")
+    conditions = {"exp1": 2, "exp2": 3, "exp3": 2, "exp4": 1, "exp5": 2}[experiment]
+    assert len(runs) == conditions * 2 * 2 * 4
+    claims = pd.read_csv(output / "tables" / "claims.csv")["claim"].drop_duplicates().tolist()
+    number, count = {"exp1": ("I", 8), "exp2": ("II", 3), "exp3": ("III", 3), "exp4": ("IV", 4), "exp5": ("V", 4)}[
+        experiment
+    ]
+    assert claims == [f"{number}-{index}" for index in range(1, count + 1)]
+
+
+def test_the_whole_paper_is_one_report(place: Path) -> None:
+    """All 22 claims in one table; made from what the experiments left."""
+    output = place / "runs" / "paper-smoke"
+    assert (output / "report.pdf").read_bytes().startswith(b"%PDF")
+    assert pd.read_csv(output / "tables" / "claims.csv")["claim"].nunique() == 8 + 3 + 3 + 4 + 4
+    assert "SMOKE RUN" in (output / "report.html").read_text("utf-8")
+
+
+def test_nothing_is_computed_twice(place: Path) -> None:
+    """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both conditions."""
+    kept = {
+        name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
+        for name in ("data", "train")
+    }
+    assert len(kept["data"]) == 4 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2
