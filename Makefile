@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups paper bench test check format clean
+.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups paper publish bench test check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -44,6 +44,10 @@ $(EXPERIMENTS) lookups: $(READY)
 
 paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one report of all: runs/paper/report.pdf
 	$(BIN)/affmap-paper $(SETTINGS)
+
+publish: paper  ## keep the reports and models of all experiments in runs/reference
+	for name in $(EXPERIMENTS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
+	rm -rf runs/reference/paper && cp -R runs/paper runs/reference/paper && rm runs/reference/paper/figures/*.pdf
 
 bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 5 minutes)
 	$(VENV)-bench/bin/python -W ignore tests/benchmarks $(ARGS)

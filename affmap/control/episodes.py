@@ -100,7 +100,7 @@ def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
     log-likelihood of the change of position); mean_distance (u, between true position and goal, mean over the steps'
     ends); reached; steps_to_reach (empty where not reached); success (reached, and never in fog; Experiment IV);
     steps_touching; steps_in_fog; final_spread (u, largest distance of the positions of the last quarter from their
-    mean: less than the vehicle's size where it is stuck).
+    mean: less than the vehicle's diameter where it is stuck).
     """
     position, goal, reached = trajectories["position"], trajectories["goal"], trajectories["reached"]
     distance = np.linalg.norm(position[:, 1:] - goal[:, None], axis=-1)

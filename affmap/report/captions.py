@@ -170,7 +170,7 @@ def _failures(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
     return (
         "Left: share of the runs that failed, by reason. A run that touched fog counts as such, whether it arrived or "
-        "not; stuck: the positions of the last quarter of the run lie within a vehicle's size. Middle and right: "
+        "not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. Middle and right: "
         f"places where runs with a context size {contexts} first touched fog, and where those that never arrived were "
         f"at their end (their numbers in brackets; a run may be in both), runs per cell of {CELL} u; circles are "
         "outlined where all runs have the same world. The paper does not report these."

@@ -37,7 +37,7 @@ def has_fog(results: Results, job: Job) -> bool:
 def with_reasons(results: Results) -> pd.DataFrame:
     """The runs with the column `reason`: a key of `REASONS`, or empty for a success.
 
-    Stuck: the positions of the last quarter of the run lie within a circle as large as the vehicle, around their mean.
+    Stuck: the positions of the last quarter of the run are all nearer to their mean than the vehicle's diameter.
     """
     runs = results.runs
     diameter = 2 * results.worlds(results.jobs[0])[0].vehicle_radius
