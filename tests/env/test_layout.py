@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
 
 from affmap.env.layout import Circle, Layout
 from affmap.env.physics import Vehicle
@@ -201,3 +203,26 @@ def test_corners_are_refused_where_and_only_where_a_vehicle_could_not_stand(layo
             layout.check_corners(radius)
     elif layout.start_margin >= radius + coarse and layout.is_free(places, radius + coarse).all():
         layout.check_corners(radius)
+
+
+def shortest_way(name: str) -> float:
+    """Length of the shortest way for the vehicle's disc between two opposite corners, relative to the direct line."""
+    layout, pitch = Layout.load("layout", name), 0.04
+    positions = np.stack(np.meshgrid(np.arange(76) * pitch, np.arange(51) * pitch, indexing="ij"), -1)
+    free, number = layout.is_free(positions, 0.06), np.arange(76 * 51).reshape(76, 51)
+    edges = []
+    for dx, dy in [(1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (2, -1), (1, 2), (1, -2), (3, 1), (3, -1), (3, 2), (3, -2)]:
+        here = number[: 76 - dx, max(0, -dy) : 51 - max(0, dy)].ravel()
+        there = number[dx:, max(0, dy) : 51 - max(0, -dy)].ravel()
+        both = free.ravel()[here] & free.ravel()[there]
+        edges.append((here[both], there[both], np.full(both.sum(), pitch * math.hypot(dx, dy))))
+    here, there, length = (np.concatenate(parts) for parts in zip(*edges, strict=True))
+    graph = coo_matrix((length, (here, there)), shape=(number.size, number.size))
+    way = dijkstra(graph, directed=False, indices=number[5, 5])[number[70, 45]]
+    return float(way / (pitch * math.hypot(65, 40)))
+
+
+def test_two_obstacles_block_more_and_twelve_less_than_six() -> None:
+    """Experiment II, as the paper says; Dijkstra's shortest ways on a grid."""
+    twelve, six, two = (shortest_way(name) for name in ("twelve_obstacles", "original", "two_obstacles"))
+    assert 1 < twelve < six - 0.01 < two - 0.03
