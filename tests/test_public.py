@@ -36,6 +36,14 @@ def test_the_readme_quotes_the_claims() -> None:
     assert claims in (ROOT / "README.md").read_text("utf-8")
 
 
+def test_the_readme_quotes_the_claims_of_the_other_experiments() -> None:
+    """Golden: the rows of the table that `make paper` wrote, word for word, but for those of Experiment I."""
+    header, line, *rows = (ROOT / "runs/reference/paper/tables/claims.md").read_text("utf-8").splitlines()
+    others = [row for row in rows if not row.startswith("| I-")]
+    assert len(others) == 14
+    assert "\n".join([header, line, *others]) in (ROOT / "README.md").read_text("utf-8")
+
+
 def test_the_readme_says_what_the_comparison_of_look_ups_found() -> None:
     """Every comparison with exact look-ups that did not end as "same" is named."""
     table = pd.read_csv(ROOT / "runs/reference/lookups/tables/lookup_spacing.csv")

@@ -110,13 +110,13 @@ def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
     return rows
 
 
-def claims_markdown(scores: Sequence[Score]) -> str:
-    """The claims as a Markdown table."""
+def claims_markdown(rows: Sequence[Mapping[str, str]]) -> str:
+    """Rows of claims, as `claim_rows` makes them, as a Markdown table."""
     lines = [
         "| claim | statement | effect [95 % interval] | p | p opposite | verdict |",
         "|---|---|---|---|---|---|",
     ]
-    for row in claim_rows(scores):
+    for row in rows:
         cells = (row[key] for key in ("name", "statement", "effect", "p", "opposite", "verdict"))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"

@@ -95,7 +95,7 @@ def _write_tables(folder: Path, results: Results, scores: Sequence[Score], setti
     write_csv(folder / "medians.csv", claims.medians(results, settings))
     if scores:
         write_csv(folder / "claims.csv", claims.as_table(scores))
-        write_text(folder / "claims.md", content.claims_markdown(scores))
+        write_text(folder / "claims.md", content.claims_markdown(content.claim_rows(scores)))
 
 
 def _blocks(

@@ -101,7 +101,12 @@ def _write_tables(folder: Path, parts: Sequence[Part], scores: Sequence[Sequence
         table["missing"] = part.missing
         tables.append(table)
     write_csv(folder / "claims.csv", pd.concat(tables))
-    write_text(folder / "claims.md", content.claims_markdown([item for found in scores for item in found]))
+    write_text(folder / "claims.md", content.claims_markdown(_rows(parts, scores)))
+
+
+def _rows(parts: Sequence[Part], scores: Sequence[Sequence[Score]]) -> list[dict[str, str]]:
+    """One row for each claim."""
+    return [_short(item, part) for part, some in zip(parts, scores, strict=True) for item in some]
 
 
 def _copy_figures(part: Part, folder: Path) -> list[str]:
@@ -128,7 +133,7 @@ def _blocks(
             f"{sentences.verdict_count(together, 'its experiments')} How this was decided, and every part of these "
             "claims, is said below the experiments; the p of a claim of several parts is the largest of theirs."
         ),
-        blocks.claims([_short(item, part) for part, some in zip(parts, scores, strict=True) for item in some]),
+        blocks.claims(_rows(parts, scores)),
         blocks.heading("What was run, and what it took"),
         *_costs(parts),
     ]
