@@ -54,8 +54,26 @@ def _sweep(arguments: list[str]) -> Sweep:
     return Sweep(overrides, sweep.jobs(overrides))
 
 
-def _results(asked: Sweep) -> tuple[Results, str]:
-    """What is complete of a sweep, and a sentence about what is missing, empty if nothing is.
+class Found(NamedTuple):
+    """What is complete of a sweep."""
+
+    jobs: tuple[Job, ...]
+    growth: Job | None
+    missing: str
+    """A sentence about what is not complete; empty if all is."""
+
+    @property
+    def results(self) -> Results:
+        """All of it, for a report.
+
+        Raises:
+            ConfigError: settings differ in more than a report tells apart.
+        """
+        return Results(self.jobs, self.growth)
+
+
+def _found(asked: Sweep) -> Found:
+    """What is complete of a sweep.
 
     Raises:
         ConfigError: some settings are not complete, and no partial report is wanted; or none is complete.
@@ -68,7 +86,7 @@ def _results(asked: Sweep) -> tuple[Results, str]:
     jobs = tuple(job for job in found[: len(asked.configs)] if job)
     if missing and not (asked.first.report.partial and jobs):
         raise ConfigError(f"{said}; run `affmap` with the same arguments first.")
-    return Results(jobs, found[-1] if growth else None), said
+    return Found(jobs, found[-1] if growth else None, said)
 
 
 def _check_output(asked: Sweep) -> None:
@@ -145,15 +163,15 @@ def _report(asked: Sweep) -> None:
     from affmap.report import comparison, document
 
     first = asked.first
-    results, missing = _results(asked)
-    notice = "; ".join(filter(None, [first.notice, missing and f"PARTIAL: {missing}"])) or None
+    found = _found(asked)
+    notice = "; ".join(filter(None, [first.notice, found.missing and f"PARTIAL: {found.missing}"])) or None
     if first.report.compare:
-        path = comparison.write(first.output, results.jobs, first.report.compare, notice)
+        path = comparison.write(first.output, found.jobs, first.report.compare, notice)
         print(f"{path.read_text('utf-8')}\nThe table is {path}")
         return
     _check_output(asked)
     command = " ".join(["affmap", *asked.overrides])
-    path = document.write(first.output, results, first.report, title=first.title, command=command, notice=notice)
+    path = document.write(first.output, found.results, first.report, title=first.title, command=command, notice=notice)
     print(f"The report is {path}")
 
 
@@ -169,8 +187,8 @@ def _paper(asked: Sweep) -> None:
     for experiment in PAPER:
         part = _sweep(sweep.instead(asked.overrides, experiment, ("output",)))
         first = part.first
-        results, missing = _results(part)
-        parts.append(paper.Part(first.title, results, first.report, first.output, missing))
+        found = _found(part)
+        parts.append(paper.Part(first.title, found.results, first.report, first.output, found.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
     command = " ".join(["affmap-paper", *asked.overrides])
@@ -184,7 +202,7 @@ def publish() -> None:
 
 def _publish(asked: Sweep) -> None:
     first = asked.first
-    results, _ = _results(asked)
+    found = _found(asked)
     if first.notice:
         raise ConfigError(f"this is not a result to keep: {first.notice}.")
     if not (first.output / "tables").is_dir():
@@ -198,10 +216,10 @@ def _publish(asked: Sweep) -> None:
         shutil.copy(document, new)
     shutil.rmtree(kept, ignore_errors=True)
     new.replace(kept)
-    for job in results.jobs:
+    for job in found.jobs:
         _keep(job, first, [])
-    if results.growth:
-        _keep(results.growth, first, [SNAPSHOT.format(epoch="*")])
+    if found.growth:
+        _keep(found.growth, first, [SNAPSHOT.format(epoch="*")])
     print(f"Kept in {kept} and {first.reference}")
 
 

@@ -337,8 +337,9 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert "exp3_growth: all 1 settings are complete" in result.stdout
     asked = run._sweep([*line(tmp_path), *overrides])
-    results, missing = run._results(asked)
-    assert missing == "" and results.growth is not None and len(results.jobs) == 1
+    whole = run._found(asked)
+    results = whole.results
+    assert whole.missing == "" and results.growth is not None and len(results.jobs) == 1
     maps = results.growth_maps
     assert maps is not None and maps.epochs.tolist() == [1, 2] and maps.codes.shape == (2, 9, 13, 8)
     np.testing.assert_array_equal(maps.snapshots[2].codes, maps.codes)
@@ -350,13 +351,29 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
 def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
     """On request only: the two settings of three that are complete, and a sentence about the third."""
     wanted = [*line(swept), "planner=cem", "model.context_size=0,1,3"]
-    results, missing = run._results(run._sweep([*wanted, "report.partial=true"]))
-    assert [job.context_size for job in results.jobs] == [0, 1]
-    assert missing == "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u)"
+    part = run._found(run._sweep([*wanted, "report.partial=true"]))
+    assert [job.context_size for job in part.jobs] == [0, 1]
+    assert part.missing == "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u)"
     with pytest.raises(ConfigError, match="1 of 3 settings are not complete"):
-        run._results(run._sweep(wanted))
+        run._found(run._sweep(wanted))
     with pytest.raises(ConfigError, match="1 of 1 settings are not complete"):
-        run._results(run._sweep([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
+        run._found(run._sweep([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
+
+
+def test_one_factor_at_a_time(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A sweep over a key that reports do not tell apart: a table of its values on request, else a sentence."""
+    monkeypatch.chdir(tmp_path)
+    overrides = ["model.context_size=1", "control.beta=1,10", f"output={tmp_path / 'beta'}"]
+    for seed in (f"control.beta={beta}" for beta in (1, 10)):
+        stages.run(jobs(swept, "model.context_size=1", seed)[0])
+    assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides]) == 2
+    assert "report.compare=<key> makes a table" in capsys.readouterr().err
+    assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides, "report.compare=control.beta"]) == 0
+    table = pd.read_csv(tmp_path / "beta/tables/control_beta.csv")
+    assert set(table["a"]) == {1} and set(table["b"]) == {10} and set(table["members"]) == {2}
+    assert (tmp_path / "beta/figures/control_beta.png").is_file()
 
 
 def test_a_report_of_an_incomplete_sweep_says_what_is_missing(

@@ -16,6 +16,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from affmap.settings import ConfigError
+
 PLANNERS = {"cem": "EB", "gradient": "GB"}
 """The paper's short names: evolutionary-based and gradient-based active inference."""
 
@@ -177,9 +179,12 @@ class Results:
     def __post_init__(self) -> None:
         settings = [(job.context_size, job.planner, job.layout) for job in self.jobs]
         if not settings:
-            raise ValueError("a report needs at least one job; no completed control stage was given")
+            raise ConfigError("a report needs at least one completed setting.")
         if len(set(settings)) < len(settings):
-            raise ValueError(f"each (context_size, planner, layout) may occur once in a report, got {settings}")
+            raise ConfigError(
+                "a report tells settings apart by context size, planner and layout, and here others differ, too; "
+                "report.compare=<key> makes a table of the values of any other key."
+            )
 
     @property
     def context_sizes(self) -> list[int]:

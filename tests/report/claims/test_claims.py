@@ -462,7 +462,7 @@ def test_tables_name_what_is_wrong(stages: dict[str, Results], tmp_path: Path) -
         Job(0, "mppi", "original", tmp_path, tmp_path, tmp_path, tmp_path)
     with pytest.raises(ValueError, match="at least one job"):
         Results(())
-    with pytest.raises(ValueError, match="may occur once"):
+    with pytest.raises(ValueError, match="tells settings apart by context size, planner and layout"):
         Results(stages["exp1"].jobs[:1] * 2)
     pd.DataFrame({"member": [0]}).to_csv(tmp_path / "runs.csv")
     with pytest.raises(ValueError, match="lacks the columns"):
