@@ -90,11 +90,28 @@ def test_the_readme_s_other_numbers_on_speed_are_those_measured() -> None:
     assert f"train {team[1, 2] / team[2, 1]:.1f} times as much" in readme
 
 
-def test_the_readme_quotes_the_effect_at_a_stronger_contact_damping() -> None:
-    """Golden: the effect of claim I-5 as the table of that run has it."""
-    table = (ROOT / "runs/reference/damped/tables/claims.md").read_text("utf-8").splitlines()
-    (effect,) = [line.split("|")[3].strip() for line in table if line.startswith("| I-5 ")]
-    assert effect in (ROOT / "README.md").read_text("utf-8")
+def factor(name: str, key: str) -> pd.DataFrame:
+    """The mean distances of a comparison of one factor, by context size and value."""
+    table = pd.read_csv(ROOT / f"runs/reference/factors/{name}/tables/{key}.csv")
+    return table[table["metric"] == "mean_distance"].set_index("context_size")
+
+
+def test_what_is_said_about_single_factors_is_in_their_tables() -> None:
+    """README and `causes.md` against the tables."""
+    said = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    causes = " ".join((ROOT / "affmap/report/causes.md").read_text("utf-8").split())
+    through = factor("gb_gradients", "lookup_differentiable").loc[8]
+    assert f"{through['mean_b']:.2f} u instead of {through['mean_a']:.2f} u" in said
+    assert f"is {through['mean_b']:.2f} u instead of {through['mean_a']:.2f} u" in causes
+    slow = factor("gb_learning_rate", "planner_learning_rate")["mean_b"]
+    assert f"rises from {slow[0]:.2f} u to {slow[8]:.2f} u" in causes and slow[8] > slow[0]
+    evolutionary = pd.read_csv(ROOT / "runs/reference/exp1/tables/runs.csv").query(
+        "planner == 'cem' and context_size == 0"
+    )
+    assert slow[0] > evolutionary["mean_distance"].mean()  # which costs I-6
+    worlds = factor("gb_world", "control_layout")
+    for _, values in worlds.groupby("b"):
+        assert values.loc[8, "mean_b"] <= values.loc[0, "mean_b"] + 0.005
 
 
 def test_the_readme_lists_every_module() -> None:
