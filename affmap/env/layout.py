@@ -31,8 +31,8 @@ class Circle(Settings):
     """Name of the channel of the view that it is painted in."""
 
 
-class Layout(Settings):
-    """A world: the arena, its circles, and the squares in its corners where runs start and end.
+class Arena(Settings):
+    """What all worlds have: borders, the squares in the corners where runs start and end, and how things look.
 
     Corners are numbered 0 lower left, 1 lower right, 2 upper left, 3 upper right; `3 - corner` is the opposite one.
     """
@@ -48,10 +48,9 @@ class Layout(Settings):
     """Distance of the corner squares to the borders, u."""
     start_side: PositiveFloat
     """Side of the corner squares, u."""
-    circles: tuple[Circle, ...]
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check_arena(self) -> Self:
         if len(set(self.channels)) < len(self.channels):
             raise ValueError(f"channels = {list(self.channels)} names a channel twice; give each its own name.")
         if self.border_channel not in self.channels:
@@ -61,6 +60,16 @@ class Layout(Settings):
                 f"start_side = {self.start_side} with start_margin = {self.start_margin} does not fit an arena of size "
                 f"{list(self.size)}; their sum must be at most {min(self.size) / 2}."
             )
+        return self
+
+
+class Layout(Arena):
+    """A world: an arena and what lies in it."""
+
+    circles: tuple[Circle, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         for index, circle in enumerate(self.circles):
             (x, y), (width, height) = circle.center, self.size
             if not (0 <= x <= width and 0 <= y <= height):

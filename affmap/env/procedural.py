@@ -17,7 +17,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
-from affmap.env.layout import Circle, Effect, Layout
+from affmap.env.layout import Arena, Circle, Effect, Layout
 from affmap.settings import Settings
 
 ROUNDS = 300
@@ -39,21 +39,9 @@ class Property(Settings):
     """Whether it keeps the gap to all other spaced circles; if not, it may overlap anything."""
 
 
-class Procedural(Settings):
+class Procedural(Arena):
     """Rules for random worlds (`conf/layout/procedural_*.yaml`)."""
 
-    name: str
-    """Name of every world."""
-    size: tuple[PositiveFloat, PositiveFloat]
-    """Width and height of the arena, u."""
-    channels: tuple[str, ...] = Field(min_length=1)
-    """Names of the channels of the view, in order."""
-    border_channel: str
-    """Channel that everything outside the arena is painted in."""
-    start_margin: PositiveFloat
-    """Distance of the squares where runs start and end to the borders, u."""
-    start_side: PositiveFloat
-    """Side of these squares, u."""
     count: tuple[PositiveInt, PositiveInt]
     """Smallest and largest number of circles."""
     count_of: Literal["property", "world"]
@@ -68,14 +56,11 @@ class Procedural(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        channels = list(self.channels)
-        if len(set(channels)) < len(channels):
-            raise ValueError(f"channels = {channels} names a channel twice; give each its own name.")
-        if self.border_channel not in channels:
-            raise ValueError(f"border_channel = {self.border_channel!r} is not one of channels {channels}.")
         for index, kind in enumerate(self.properties):
-            if kind.channel not in channels:
-                raise ValueError(f"properties[{index}].channel = {kind.channel!r} is not one of channels {channels}.")
+            if kind.channel not in self.channels:
+                raise ValueError(
+                    f"properties[{index}].channel = {kind.channel!r} is not one of channels {list(self.channels)}."
+                )
         for key in ("count", "radius"):
             low, high = getattr(self, key)
             if low > high:
@@ -110,8 +95,7 @@ class Procedural(Settings):
         for _ in range(ATTEMPTS):
             circles = self._attempt(rng)
             if circles is not None:
-                shared = set(Layout.model_fields) & set(Procedural.model_fields)
-                return Layout(circles=circles, **{key: getattr(self, key) for key in shared})
+                return Layout(circles=circles, **{key: getattr(self, key) for key in Arena.model_fields})
         raise ValueError(
             f"layout {self.name!r}: no world was found in {ATTEMPTS} attempts, not even with the smallest count and "
             f"radius; make count = {list(self.count)}, radius = {list(self.radius)} or gap = {self.gap} smaller."
