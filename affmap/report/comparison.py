@@ -73,7 +73,7 @@ def value_of(job: Job, key: str) -> Any:
         raise ConfigError(
             f"report.compare is {key!r}, which runs of control do not depend on; they do on {sorted(values)}"
         )
-    return found
+    return str(found).lower() if isinstance(found, bool) else found
 
 
 def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
