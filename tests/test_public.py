@@ -109,8 +109,10 @@ def test_what_is_said_about_single_factors_is_in_their_tables() -> None:
         "planner == 'cem' and context_size == 0"
     )
     assert slow[0] > evolutionary["mean_distance"].mean()  # which costs I-6
-    worlds = factor("gb_world", "control_layout")
-    for _, values in worlds.groupby("b"):
+    white = factor("gb_exploration", "data_max_hold")["mean_b"]
+    assert f"rises from {white[0]:.2f} u to {white[8]:.2f} u" in causes and white[8] > white[0]
+    unmoved = pd.concat([factor("gb_world", "control_layout"), factor("gb_contact", "vehicle_contact_damping")])
+    for _, values in unmoved.groupby("b"):
         assert values.loc[8, "mean_b"] <= values.loc[0, "mean_b"] + 0.005
 
 
