@@ -7,7 +7,7 @@ agree on it, they share the result. `Settings` fields with `exclude=True` say ho
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
@@ -20,24 +20,34 @@ from affmap.model.lookup import LookupSettings
 from affmap.model.stack import ModelSettings
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
+from affmap.random import generator
 from affmap.report.settings import ReportSettings
-from affmap.settings import Settings, read
+from affmap.settings import ConfigError, Settings, read
 from affmap.store import Stage, Store
 from affmap.training.settings import TrainingSettings
+
+L = TypeVar("L", Layout, Procedural)
 
 
 def _layout(name: Any) -> Any:
     """The layout of `conf/layout/<name>.yaml`; whatever is no name is left to the next check."""
     if isinstance(name, str) and _is_procedural(name):
         raise ValueError("is procedural, which only control_layout may be; name a fixed layout")
-    return Layout.load("layout", name) if isinstance(name, str) else name
+    return _named(Layout, name) if isinstance(name, str) else name
 
 
 def _any_layout(name: Any) -> Any:
     """The same, fixed or procedural."""
     if isinstance(name, str) and _is_procedural(name):
-        return Procedural.load("layout", name)
+        return _named(Procedural, name)
     return _layout(name)
+
+
+def _named(kind: type[L], name: str) -> L:
+    layout = kind.load("layout", name)
+    if layout.name != name:  # reports would take it for another
+        raise ConfigError(f"conf/layout/{name}.yaml: name = {layout.name!r} must be that of the file, {name!r}.")
+    return layout
 
 
 def _is_procedural(name: str) -> bool:
@@ -102,8 +112,12 @@ class Config(Settings):
                     f"{self.training_layouts[0].name!r}, where data are collected, has {list(self.channels)}; "
                     "a model sees the same ones everywhere."
                 )
-        if isinstance(self.control_layout, Layout):
-            self.control_layout.check_corners(self.vehicle.radius)
+        for layout in self.training_layouts:
+            layout.check_corners(self.vehicle.radius)
+        flown = self.control_layout
+        if isinstance(flown, Procedural):  # whether its rules can be met should not turn out after hours of training
+            flown = flown.draw(generator(self.seed, "world", 0))
+        flown.check_corners(self.vehicle.radius)
         return self
 
     @property

@@ -46,7 +46,8 @@ class Sweep(NamedTuple):
     def growth(self) -> "Sweep | None":
         """The experiment whose growing maps belong to this one, if there is one."""
         first = self.first
-        return _sweep(sweep.instead(self.overrides, first.growth, first.sweep)) if first.growth else None
+        # A folder given for the output is for this experiment's report.
+        return _sweep(sweep.instead(self.overrides, first.growth, {*first.sweep, "output"})) if first.growth else None
 
 
 def _sweep(arguments: list[str]) -> Sweep:
@@ -85,7 +86,8 @@ def _found(asked: Sweep) -> Found:
     said = f"{len(missing)} of {len(configs)} settings are not complete ({'; '.join(missing)})" if missing else ""
     jobs = tuple(job for job in found[: len(asked.configs)] if job)
     if missing and not (asked.first.report.partial and jobs):
-        raise ConfigError(f"{said}; run `affmap` with the same arguments first.")
+        told = " ".join(asked.overrides)
+        raise ConfigError(f"{said}; run `affmap {told}` first.")
     return Found(jobs, found[-1] if growth else None, said)
 
 
@@ -164,14 +166,16 @@ def _report(asked: Sweep) -> None:
 
     first = asked.first
     found = _found(asked)
-    notice = "; ".join(filter(None, [first.notice, found.missing and f"PARTIAL: {found.missing}"])) or None
+    notice = "; ".join(filter(None, [first.notice, found.missing and f"PARTIAL: {found.missing.partition(' (')[0]}"]))
     if first.report.compare:
-        path = comparison.write(first.output, found.jobs, first.report.compare, notice)
+        path = comparison.write(first.output, found.jobs, first.report.compare, notice or None)
         print(f"{path.read_text('utf-8')}\nThe table is {path}")
         return
     _check_output(asked)
     command = " ".join(["affmap", *asked.overrides])
-    path = document.write(first.output, found.results, first.report, title=first.title, command=command, notice=notice)
+    path = document.write(
+        first.output, found.results, first.report, title=first.title, command=command, notice=notice or None
+    )
     print(f"The report is {path}")
 
 
@@ -187,7 +191,10 @@ def _paper(asked: Sweep) -> None:
     for experiment in PAPER:
         part = _sweep(sweep.instead(asked.overrides, experiment, ("output",)))
         first = part.first
-        found = _found(part)
+        try:
+            found = _found(part)
+        except ConfigError as error:
+            raise ConfigError(f"{experiment}: {error}") from None
         parts.append(paper.Part(first.title, found.results, first.report, first.output, found.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from affmap.env.layout import Layout
-from affmap.env.physics import Vehicle
+from affmap.env.physics import PULLS, Vehicle
 
 STEP = 0.01
 """Grid spacing, u."""
@@ -25,15 +25,15 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
         for axis, side in zip((x, y), layout.size, strict=True)
     )
     passable = np.logical_and.outer(inside_x, inside_y)
-    upwards = np.zeros(passable.shape)  # N
+    pull = np.zeros((*passable.shape, 2))  # N
     for circle in layout.circles:
         center_x, center_y = circle.center
         overlaps = np.hypot.outer(x - center_x, y - center_y) < circle.radius + vehicle.radius
         if circle.effect in ("obstacle", "fog"):
             passable &= ~overlaps
-        elif circle.effect in ("force_up", "force_down"):
-            upwards += overlaps * (vehicle.force if circle.effect == "force_up" else -vehicle.force)
-    passable &= np.abs(upwards) <= math.sqrt(2) * vehicle.thrust
+        elif circle.effect in PULLS:
+            pull += overlaps[..., None] * vehicle.force * np.array(PULLS[circle.effect])
+    passable &= np.linalg.norm(pull, axis=-1) <= math.sqrt(2) * vehicle.thrust
     areas, _ = ndimage.label(passable)  # neighbours to the sides only: no squeezing through diagonally
     nearest = np.clip(np.round(np.stack([start, goal]) / STEP).astype(int), 0, np.array(areas.shape) - 1)
     start_area, goal_area = areas[tuple(nearest.T)]

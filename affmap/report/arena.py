@@ -18,13 +18,13 @@ from affmap.report.groups import PLANNER_COLORS
 from affmap.report.tables import Floats, Maps, Trajectories, World
 
 EFFECTS = {
-    "none": ("0.92", "no effect"),
-    "force_up": ("#a1d99b", "pulls up"),
-    "force_down": ("#fdae6b", "pulls down"),
-    "fog": ("#9ecae1", "fog"),
-    "obstacle": ("0.55", "obstacle"),
+    "none": ("0.92", "no effect", None),
+    "force_up": ("#a1d99b", "pulls up", (0.0, 1.0)),
+    "force_down": ("#fdae6b", "pulls down", (0.0, -1.0)),
+    "fog": ("#9ecae1", "fog", None),
+    "obstacle": ("0.55", "obstacle", None),
 }
-"""Effect -> colour and name, from the lowest to the highest where circles overlap."""
+"""Effect -> colour, name and direction of its arrow, from the lowest to the highest where circles overlap."""
 
 VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
 
@@ -78,15 +78,15 @@ def arena(ax: Axes, world: World) -> Axes:
 
 def circles(ax: Axes, world: World) -> Axes:
     """Fill the world's circles by their effect; an arrow says where a force field pulls."""
-    for effect, (color, _) in EFFECTS.items():
+    for effect, (color, _, pull) in EFFECTS.items():
         for circle in (circle for circle in world.circles if circle.effect == effect):
             center = (circle.x, circle.y)
             ax.add_patch(Disc(center, circle.radius, fc=color, ec="none", zorder=1, alpha=0.85))
             if effect == "none":
                 ax.add_patch(Disc(center, circle.radius, fill=False, ec="0.6", lw=0.7, ls=":", zorder=1))
-            if effect in ("force_up", "force_down"):
-                length = 0.6 * circle.radius * (1 if effect == "force_up" else -1)
-                tail, head = (circle.x, circle.y - length), (circle.x, circle.y + length)
+            if pull is not None:
+                reach_x, reach_y = (0.6 * circle.radius * part for part in pull)
+                tail, head = (circle.x - reach_x, circle.y - reach_y), (circle.x + reach_x, circle.y + reach_y)
                 ax.annotate("", head, tail, arrowprops={"arrowstyle": "->", "color": "0.35", "lw": 0.7}, zorder=2)
     return ax
 
@@ -96,7 +96,7 @@ def effect_handles(worlds: Iterable[World]) -> list[Patch]:
     present = {circle.effect for world in worlds for circle in world.circles}
     if present <= {"obstacle"}:
         return []
-    return [Patch(fc=color, ec="none", label=name) for effect, (color, name) in EFFECTS.items() if effect in present]
+    return [Patch(fc=color, ec="none", label=name) for effect, (color, name, _) in EFFECTS.items() if effect in present]
 
 
 def world_map(ax: Axes, world: World) -> Axes:

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import figures, statistics
-from affmap.report.provenance import leaves
+from affmap.report.provenance import PROVENANCE, differences, leaves
 from affmap.report.statistics import Verdict
 from affmap.report.tables import PLANNERS, Job, Results, read_runs, score_matrix, write_csv, write_runs
 from affmap.report.text import NOTHING, number
@@ -46,8 +46,11 @@ def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Pa
         The path of the Markdown.
 
     Raises:
-        ConfigError: a job has no such key, or all have the same value.
+        ConfigError: a job has no such key, all have the same value, other keys differ as well, or there is a report.
     """
+    if (output / PROVENANCE).is_file():
+        raise ConfigError(f"{output} holds a report; say output=runs/<name> for a comparison.")
+    _check(jobs, key)
     name = key.replace(".", "_")
     runs = pd.concat([read_runs(job).assign(**{name: value_of(job, key)}) for job in jobs], ignore_index=True)
     table = compare(runs, key)
@@ -68,12 +71,31 @@ def value_of(job: Job, key: str) -> Any:
     Raises:
         ConfigError: there is no such key.
     """
-    values = leaves(Results((job,)).provenance[job.control]["config"])
-    if (found := values.get(key, values.get(f"{key}.name"))) is None:
+    values = _values(job)
+    found = next((values[known] for known in (key, f"{key}.name", f"{key}.kind") if known in values), None)
+    if found is None:
         raise ConfigError(
             f"report.compare is {key!r}, which runs of control do not depend on; they do on {sorted(values)}"
         )
+    if isinstance(found, list):
+        return ", ".join(str(item.get("name", item)) if isinstance(item, dict) else str(item) for item in found)
     return str(found).lower() if isinstance(found, bool) else found
+
+
+def _values(job: Job) -> dict[str, Any]:
+    """What the runs of a job depend on, by dotted key."""
+    return leaves(Results((job,)).provenance[job.control]["config"])
+
+
+def _check(jobs: Sequence[Job], key: str) -> None:
+    """Refuse jobs that differ in more than a key and what the table tells apart: they would be averaged unseen."""
+    seen: dict[tuple[Any, ...], Job] = {}
+    for job in jobs:
+        first = seen.setdefault((job.planner, job.layout, job.context_size, value_of(job, key)), job)
+        if others := differences(_values(job), _values(first)):
+            raise ConfigError(
+                f"report.compare is {key!r}, but {', '.join(others)} differ, too; sweep over one key at a time."
+            )
 
 
 def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
@@ -155,7 +177,7 @@ def markdown(table: pd.DataFrame, key: str) -> str:
             f"{_shown(row['a'])}, {_shown(row['b'])}",
             f"{number(row['mean_a'])}, {number(row['mean_b'])}",
             f"{number(row['median_a'])}, {number(row['median_b'])}",
-            f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else NOTHING}",
+            f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else f' {NOTHING}'}",
             f"±{row['margin']:g}",
             row["verdict"],
         ]

@@ -19,7 +19,8 @@ RULE = (
     "hold when the one-sided p in the opposite direction is, and is not decided otherwise. A claim of a size (a level, "
     "or being the same up to a margin) has no p; its 95 % interval decides. Intervals: BCa bootstrap of the mean over "
     "members. The p values are not corrected for the number of claims. sd: standard deviation of a member's own map. "
-    "A claim of several parts holds when all do."
+    "A claim of several parts holds when all do; parts that are called learned ask for more than the paper claims, and "
+    "do not count."
 )
 
 RANGES = (

@@ -12,12 +12,12 @@ from typing import Any
 from affmap.report import blocks, captions, claims, content, figures, provenance, rendering
 from affmap.report.claims import Score
 from affmap.report.groups import make_groups
+from affmap.report.provenance import PROVENANCE
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv, write_runs
 
 HERE = Path(__file__).parent
 
-PROVENANCE = "provenance.json"
 """File of a report's folder: what it was made of, and by which code."""
 
 

@@ -14,7 +14,8 @@ import pandas as pd
 from affmap.report import blocks, captions, claims, content, provenance, rendering, sentences
 from affmap.report.blocks import Block
 from affmap.report.claims import Score
-from affmap.report.document import HERE, PROVENANCE, code, deviations, is_written, write_text
+from affmap.report.document import HERE, code, deviations, is_written, write_text
+from affmap.report.provenance import PROVENANCE
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv
 from affmap.report.text import NOTHING, number, p_value, points
@@ -147,7 +148,7 @@ def _blocks(
         blocks.claims([row for some in scores for row in content.claim_rows(some)]),
         blocks.heading("Where this differs from the paper, and why"),
         deviations([part.results for part in parts]),
-        blocks.heading("What does not reproduce, and why"),
+        blocks.heading("What did not reproduce in the reference run, and why"),
         blocks.points(points((HERE / "causes.md").read_text("utf-8"))),
         blocks.heading("Provenance"),
         content.origins(list(record["experiments"].values()), record["report"]),

@@ -8,6 +8,9 @@ from typing import Any, NamedTuple
 from affmap.report.tables import STAGES, Results
 from affmap.report.text import NOTHING, points
 
+PROVENANCE = "provenance.json"
+"""File of a stage and of a report."""
+
 _SHARED = ("versions", "git", "machine", "command")
 """What most stages of a sweep agree on: its distinct values are listed once."""
 

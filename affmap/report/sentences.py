@@ -24,10 +24,9 @@ def effect(outcome: Outcome, unit: str) -> str:
     """An effect with its interval and unit."""
     if outcome.effect is None:
         return NOTHING
-    size = number(outcome.effect, sign=True)
-    if outcome.low is None or outcome.high is None:
-        return f"{size} {unit}"
-    return f"{size} [{number(outcome.low, sign=True)}, {number(outcome.high, sign=True)}] {unit}"
+    digits = 3 if unit == "ratio" else 2
+    size, *ends = (number(value, digits, sign=True) for value in (outcome.effect, outcome.low, outcome.high))
+    return f"{size} {unit}" if outcome.low is None else f"{size} [{', '.join(ends)}] {unit}"
 
 
 def _by_verdict(scores: Sequence[Score]) -> dict[Verdict, list[str]]:

@@ -57,7 +57,7 @@ CLAIMS = (
     ),
     Claim(
         "II-3",
-        "The world with 2 obstacles is slightly worse, that with 12 obstacles slightly better than the original.",
+        "The world with 2 obstacles is worse, that with 12 obstacles better than the original.",
         _distances,
     ),
 )

@@ -42,6 +42,8 @@ class Part(NamedTuple):
     outcome: Outcome
     statement: str = ""
     """What this part says where a claim has several."""
+    counts: bool = True
+    """Whether the claim's verdict depends on it; what was learned goes beyond what the paper claims, and does not."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Score:
 
     @property
     def verdict(self) -> Verdict:
-        """Of all parts together."""
-        return statistics.conjunction([part.outcome.verdict for part in self.parts])
+        """Of all parts that count together."""
+        return statistics.conjunction([part.outcome.verdict for part in self.parts if part.counts])
 
 
 class Pair(NamedTuple):
@@ -150,7 +152,7 @@ def encoded(painted: Painted | None, contrast: Contrast, name: str, effect_of: s
     again = f"{statement.removesuffix('.')}: more so than in the same member's map before training."
     return [
         Part(name, f"{effect_of}, C = {size}", "sd", outcome, statement),
-        Part(f"{name}, learned", "trained minus untrained of the same difference", "sd", learned, again),
+        Part(f"{name}, learned", "trained minus untrained of the same difference", "sd", learned, again, counts=False),
     ]
 
 
