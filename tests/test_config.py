@@ -1,6 +1,8 @@
 """The whole configuration: every file of conf/ is used, every bad value is named, stages depend on what they must."""
 
 import math
+import shutil
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from affmap.config import Config, label
 from affmap.env.procedural import Procedural
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
-from affmap.settings import ConfigError, folder
+from affmap.settings import ConfigError, folder, read
 
 CONF = folder()
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout"))
@@ -269,6 +271,36 @@ def test_keys_that_do_not_go_together_are_named(values: Values) -> None:
     """A start corner must be free for the vehicle."""
     with pytest.raises(ConfigError, match=r"layout 'original': .* too small for a vehicle of radius 0.11"):
         checked(values, vehicle__radius=0.11)
+
+
+@pytest.fixture
+def own_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the configuration folder, to put layouts into."""
+    shutil.copytree(CONF, tmp_path / "conf")
+    monkeypatch.setattr("affmap.settings.folder", lambda: tmp_path / "conf")
+    read.cache_clear()
+    yield tmp_path / "conf" / "layout"
+    read.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("copied", "changes", "key", "message"),
+    [
+        ("original", {}, "control_layout", "name = 'original' must be that of the file, 'mine'"),
+        ("procedural_easy", {"name": "mine", "count": [60, 60]}, "control_layout", "no world was found"),
+        ("original", {"name": "mine", "start_margin": 0.05}, "training_layouts", "too small for a vehicle"),
+    ],
+)
+def test_a_layout_that_cannot_be_used_is_told_before_anything_runs(
+    own_layouts: Path, copied: str, changes: Values, key: str, message: str
+) -> None:
+    """A name that is not the file's, rules that no world obeys, a corner that is no place to start in."""
+    layout = content(own_layouts / f"{copied}.yaml") | changes
+    (own_layouts / "mine.yaml").write_text(yaml.safe_dump(layout))
+    world = "training_obstacles" if copied == "procedural_easy" else "original"
+    values = by_hand() | {"training_layouts": [world], "map_layout": world, "control_layout": world}
+    with pytest.raises(ConfigError, match=message):
+        Config.checked(values | {key: ["mine"] if key == "training_layouts" else "mine"}, "the test")
 
 
 @pytest.mark.parametrize("name", LAYOUTS)

@@ -346,6 +346,7 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
     assert np.abs(maps.snapshots[1].codes - maps.codes).max() > 0
     assert np.abs(maps.snapshots[1].codes - maps.initial_codes).max() > 0
     assert not results.maps()[1].snapshots  # of the experiment itself they are not wanted
+    assert asked.growth().first.output != asked.first.output  # which is for this experiment's report
 
 
 def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
@@ -366,14 +367,23 @@ def test_one_factor_at_a_time(
     """A sweep over a key that reports do not tell apart: a table of its values on request, else a sentence."""
     monkeypatch.chdir(tmp_path)
     overrides = ["model.context_size=1", "control.beta=1,10", f"output={tmp_path / 'beta'}"]
-    for seed in (f"control.beta={beta}" for beta in (1, 10)):
-        stages.run(jobs(swept, "model.context_size=1", seed)[0])
+    for beta in (1, 10):
+        stages.run(jobs(swept, "model.context_size=1", f"control.beta={beta}")[0])
     assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides]) == 2
     assert "report.compare=<key> makes a table" in capsys.readouterr().err
     assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides, "report.compare=control.beta"]) == 0
     table = pd.read_csv(tmp_path / "beta/tables/control_beta.csv")
     assert set(table["a"]) == {1} and set(table["b"]) == {10} and set(table["members"]) == {2}
     assert (tmp_path / "beta/figures/control_beta.png").is_file()
+    for beta in (1, 10):
+        stages.run(jobs(swept, "model.context_size=1", f"control.beta={beta}", "planner.num_iterations=2")[0])
+    several = [*line(swept), *overrides, "planner.num_iterations=2,3", "report.compare=control.beta"]
+    assert in_process(monkeypatch, "affmap-report", several) == 2
+    assert "but planner.num_iterations differ, too; sweep over one key at a time" in capsys.readouterr().err
+    (tmp_path / "beta/provenance.json").write_text('{"stages": []}')
+    again = [*line(swept), *overrides, "report.compare=control.beta"]
+    assert in_process(monkeypatch, "affmap-report", again) == 2
+    assert "holds a report; say output=runs/<name> for a comparison" in capsys.readouterr().err
 
 
 def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
@@ -384,7 +394,7 @@ def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
     for entry in ("affmap-report", "affmap-publish"):
         assert in_process(monkeypatch, entry, line(swept, "model.context_size=0,1,3")) == 2
         assert (
-            "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u); run `affmap`"
+            "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u); run `affmap scale=smoke"
             in capsys.readouterr().err
         )
     assert contents(swept) == before
