@@ -19,6 +19,9 @@ from affmap.report import statistics
 from affmap.report.failures import REASONS, shares
 from affmap.report.groups import PLANNER_COLORS, Groups
 
+HUGE, LINEAR = 300, 20
+"""nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
+
 REASON_COLORS = {"fog": "#6BAED6", "stuck": "#333333", "other": "#CC6677"}
 
 LABELS = {
@@ -73,6 +76,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     """Box plots of a metric of control by context size, as the paper draws them.
 
     Boxes are quartiles, whiskers end at the last point within 1.5 interquartile ranges, points beyond are not drawn.
+    Errors that reach far beyond the others have a logarithmic axis.
 
     Args:
         ax: where to draw.
@@ -99,6 +103,9 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     ax.set(xlabel="context size", ylabel=LABELS[metric])
     if runs[metric].min() >= 0:  # a length or a count: let its zero be seen
         ax.set_ylim(bottom=0)
+    elif ax.get_ylim()[1] > HUGE:  # a model that is surprised by all it meets: let the others be seen, too
+        ax.set_yscale("symlog", linthresh=LINEAR)
+        ax.set_ylabel(f"{LABELS[metric]}, logarithmic beyond ±{LINEAR}")
     return _legend_above(ax)
 
 

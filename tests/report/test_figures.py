@@ -37,6 +37,15 @@ def results(write_stages: WriteStages, tmp_path_factory: pytest.TempPathFactory)
     }
 
 
+def test_errors_far_beyond_the_others_have_a_logarithmic_axis_that_says_so() -> None:
+    """Boxes up to 9 and up to 5,000 nats."""
+    for scale, kind in ((1.0, "linear"), (1000.0, "symlog")):
+        errors = [-9.0, -8.0, -7.0, 3 * scale, 4 * scale, 5 * scale]
+        runs = pd.DataFrame({"context_size": 0, "planner": "cem", "prediction_error": errors})
+        ax = panels.boxes(Figure().subplots(), runs, "prediction_error", PLANNERS)
+        assert ax.get_yscale() == kind and ("logarithmic" in ax.get_ylabel()) == (kind == "symlog")
+
+
 def test_box_plots_are_the_papers() -> None:
     """1 to 8 and an outlier: quartiles 3 and 7, whiskers to 1 and 8 (limits -3 and 13), no point at 90."""
     values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 90.0]
