@@ -217,8 +217,8 @@ def _publish(asked: Sweep) -> None:
     kept = first.reference.parent / first.output.name
     new = kept.with_suffix(".new")
     shutil.rmtree(new, ignore_errors=True)
-    # Vector figures are in the report, too.
-    shutil.copytree(first.output, new, ignore=shutil.ignore_patterns("jobs", "*.pdf"))
+    # Vector figures are in the PDF, too, and all figures in the page.
+    shutil.copytree(first.output, new, ignore=shutil.ignore_patterns("jobs", "*.pdf", "*.html"))
     for document in first.output.glob("*.pdf"):
         shutil.copy(document, new)
     shutil.rmtree(kept, ignore_errors=True)

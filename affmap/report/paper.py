@@ -102,7 +102,9 @@ def _write_tables(folder: Path, parts: Sequence[Part], scores: Sequence[Sequence
         table["missing"] = part.missing
         tables.append(table)
     write_csv(folder / "claims.csv", pd.concat(tables))
-    write_text(folder / "claims.md", content.claims_markdown(_rows(parts, scores)))
+    rows = _rows(parts, scores)
+    marked = [row | {"statement": row["statement"] + (" (So far.)" if row["detail"] else "")} for row in rows]
+    write_text(folder / "claims.md", content.claims_markdown(marked))
 
 
 def _rows(parts: Sequence[Part], scores: Sequence[Sequence[Score]]) -> list[dict[str, str]]:
@@ -158,13 +160,14 @@ def _blocks(
 
 def _short(item: Score, about: Part) -> dict[str, str]:
     """A claim in a row; where it has several parts, the largest p of all is that of the whole."""
-    single = item.parts[0] if len(item.parts) == 1 else None
-    p = [part.outcome.p for part in item.parts]
+    counting = [part for part in item.parts if part.counts]
+    single = counting[0] if len(counting) == 1 else None
+    p = [part.outcome.p for part in counting]
     return {
         "name": item.claim.name,
         "statement": item.claim.statement,
         "detail": "so far: not all settings have been run" if about.missing else "",
-        "effect": sentences.effect(single.outcome, single.unit) if single else f"{len(item.parts)} parts",
+        "effect": sentences.effect(single.outcome, single.unit) if single else f"{len(counting)} parts",
         "p": NOTHING if None in p else p_value(max(value for value in p if value is not None)),
         "opposite": p_value(single.outcome.p_opposite) if single else NOTHING,
         "verdict": item.verdict.value,
