@@ -106,7 +106,7 @@ def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
                 }
             )
         if several:
-            whole = {"name": item.claim.name, "statement": item.claim.statement, "detail": "all parts together"}
+            whole = {"name": item.claim.name, "statement": item.claim.statement, "detail": "all parts that count"}
             rows.append(whole | {"effect": NOTHING, "p": NOTHING, "opposite": NOTHING, "verdict": item.verdict.value})
     return rows
 
