@@ -105,7 +105,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
         ax.set_ylim(bottom=0)
     elif ax.get_ylim()[1] > HUGE:  # a model that is surprised by all it meets: let the others be seen, too
         ax.set_yscale("symlog", linthresh=LINEAR)
-        ax.set_ylabel(f"{LABELS[metric]}, logarithmic beyond ±{LINEAR}")
+        ax.set_ylabel(f"{LABELS[metric][:-1]}, log beyond ±{LINEAR})")
     return _legend_above(ax)
 
 
