@@ -110,7 +110,8 @@ def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
         "stage": stage.name,
         "digest": stage.digest,
         "config": stage.config,
-        "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        # Places on this machine say nothing of a result.
+        "command": " ".join([Path(sys.argv[0]).name, *(argument for argument in sys.argv[1:] if "=/" not in argument)]),
         "started": started,
         "seconds": round(seconds, 2),
         "peak_memory_mib": round(peak_memory(), 1),
