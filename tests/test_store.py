@@ -189,7 +189,7 @@ def test_a_folder_without_provenance_is_no_result(tmp_path: Path) -> None:
 
 def test_provenance_tells_where_a_result_comes_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every field the report reads, against what is known here."""
-    monkeypatch.setattr("sys.argv", ["/somewhere/bin/affmap", "-m", "members=3"])
+    monkeypatch.setattr("sys.argv", ["/somewhere/bin/affmap", "-m", "members=3", "store=/somewhere/store"])
     folder = Store(tmp_path).ensure(STAGE, lambda folder: time.sleep(0.05))
     record = json.loads((folder / PROVENANCE).read_text())
     assert record["stage"] == "train" and record["digest"] == STAGE.digest == folder.name
