@@ -19,7 +19,8 @@ from omegaconf.errors import OmegaConfBaseException
 from affmap import sweep
 from affmap.config import Config, label, plain
 from affmap.model.weights import SNAPSHOT, WEIGHTS
-from affmap.report.tables import Job, Results
+from affmap.report.records import Job
+from affmap.report.tables import Results
 from affmap.settings import ConfigError, folder
 from affmap.stages import check_models, find, run, stages
 from affmap.store import PROVENANCE
@@ -208,19 +209,20 @@ def publish() -> None:
 
 
 def _publish(asked: Sweep) -> None:
+    from affmap.report import document
+
     first = asked.first
     found = _found(asked)
     if first.notice:
         raise ConfigError(f"this is not a result to keep: {first.notice}.")
-    if not (first.output / "tables").is_dir():
-        raise ConfigError(f"{first.output} holds no report; run `affmap-report` with the same arguments first.")
+    document.check(first.output, found.results)
     kept = first.reference.parent / first.output.name
     new = kept.with_suffix(".new")
     shutil.rmtree(new, ignore_errors=True)
     # Vector figures are in the PDF, too, and all figures in the page.
     shutil.copytree(first.output, new, ignore=shutil.ignore_patterns("jobs", "*.pdf", "*.html"))
-    for document in first.output.glob("*.pdf"):
-        shutil.copy(document, new)
+    for path in first.output.glob("*.pdf"):
+        shutil.copy(path, new)
     shutil.rmtree(kept, ignore_errors=True)
     new.replace(kept)
     for job in found.jobs:

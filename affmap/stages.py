@@ -23,7 +23,8 @@ from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, restore
 from affmap.progress import track
 from affmap.random import generator
-from affmap.report.tables import LAYOUTS, Job
+from affmap.report.records import Job
+from affmap.report.tables import LAYOUTS
 from affmap.settings import ConfigError
 from affmap.store import Stage, Store
 

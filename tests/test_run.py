@@ -22,7 +22,8 @@ from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import Stack
 from affmap.model.weights import restore
 from affmap.random import generator
-from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Job, Results
+from affmap.report.records import Job
+from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
 from affmap.settings import ConfigError
 
 COMMAND = Path(sys.executable).parent / "affmap"
@@ -404,7 +405,7 @@ def test_publishing_keeps_report_and_models(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A report of a few stand-in files: tables and pictures are kept, vector figures and logs are not; models are found
-    from then on with `models=reference`."""
+    from then on with `models=reference`. Not kept: smoke runs, and reports of other results."""
     output = tmp_path / "runs" / "exp"
     for name in ("report.pdf", "figures/one.png", "figures/one.pdf", "jobs/a/affmap.log", "tables/runs.csv"):
         (output / name).parent.mkdir(parents=True, exist_ok=True)
@@ -414,11 +415,17 @@ def test_publishing_keeps_report_and_models(
     assert in_process(monkeypatch, "affmap-publish", [*line(swept)[:10], f"store={swept / 'store'}", *places]) == 2
     assert "SMOKE RUN" in capsys.readouterr().err and not kept.exists()
     places.append("notice=null")
+    arguments = [*line(swept)[:10], f"store={swept / 'store'}", *places]
+    assert in_process(monkeypatch, "affmap-publish", arguments) == 2
+    assert "holds no report of these results" in capsys.readouterr().err and not kept.exists()
+    used = {stage.digest for config in jobs(swept, *SWEEP) for stage in stages.stages(config)}
+    (output / "provenance.json").write_text(json.dumps({"stages": [{"digest": digest} for digest in used]}))
     for _ in range(2):  # the second time replaces the first
-        assert in_process(monkeypatch, "affmap-publish", [*line(swept)[:10], f"store={swept / 'store'}", *places]) == 0
+        assert in_process(monkeypatch, "affmap-publish", arguments) == 0
     capsys.readouterr()
     files = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
     assert {name for name in files if name.startswith("exp/")} == {
+        "exp/provenance.json",
         "exp/report.pdf",
         "exp/figures/one.png",
         "exp/tables/runs.csv",
@@ -427,7 +434,7 @@ def test_publishing_keeps_report_and_models(
         folder = f"store/train/{config.train_stage.digest}"
         for name in ("weights.safetensors", "validation.csv", "provenance.json"):
             assert (kept / folder / name).read_bytes() == (swept / folder / name).read_bytes()
-    assert len(files) == 3 + 2 * 3
+    assert len(files) == 4 + 2 * 3
 
 
 def test_a_report_of_other_results_is_not_replaced(

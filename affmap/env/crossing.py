@@ -5,8 +5,9 @@ import math
 import numpy as np
 from scipy import ndimage
 
+from affmap.effects import PULLS
 from affmap.env.layout import Layout
-from affmap.env.physics import PULLS, Vehicle
+from affmap.env.physics import Vehicle
 
 STEP = 0.01
 """Grid spacing, u."""

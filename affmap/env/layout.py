@@ -7,15 +7,24 @@ A layout knows nothing of physics; `conf/layout` holds the fixed ones.
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
-from typing import Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, model_validator
 
+from affmap.effects import EFFECTS
 from affmap.settings import Settings
 from affmap.view import Map
 
-Effect = Literal["obstacle", "fog", "force_up", "force_down", "none"]
+
+def _known(effect: str) -> str:
+    if effect not in EFFECTS:
+        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}")
+    return effect
+
+
+EffectName = Annotated[str, AfterValidator(_known)]
+"""A key of `affmap.effects.EFFECTS`."""
 
 
 class Circle(Settings):
@@ -25,8 +34,8 @@ class Circle(Settings):
     """x, y in u."""
     radius: PositiveFloat
     """u."""
-    effect: Effect
-    """What it does to the vehicle: blocks it, corrupts its reported position, pulls it up or down, or nothing."""
+    effect: EffectName
+    """What it does to the vehicle: blocks it, corrupts its reported position, pulls it, or nothing."""
     channel: str
     """Name of the channel of the view that it is painted in."""
 

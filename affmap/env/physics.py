@@ -12,14 +12,12 @@ import Box2D
 import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
-from affmap.env.layout import Effect, Layout
+from affmap.effects import PULLS
+from affmap.env.layout import Layout
 from affmap.settings import Settings
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
-
-PULLS: dict[Effect, tuple[float, float]] = {"force_up": (0.0, 1.0), "force_down": (0.0, -1.0)}
-"""Direction in which a force field pulls; where several overlap, their pulls add up."""
 
 
 class Vehicle(Settings):

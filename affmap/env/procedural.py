@@ -17,7 +17,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
-from affmap.env.layout import Arena, Circle, Effect, Layout
+from affmap.env.layout import Arena, Circle, EffectName, Layout
 from affmap.settings import Settings
 
 ROUNDS = 300
@@ -31,7 +31,7 @@ SLACK = 0.03
 class Property(Settings):
     """A kind of circle."""
 
-    effect: Effect
+    effect: EffectName
     """What it does to the vehicle."""
     channel: str
     """Name of the channel of the view that it is painted in."""

@@ -6,18 +6,12 @@ Knows geometry only; physics and episodes are elsewhere.
 import numpy as np
 import pygame
 
+from affmap.effects import EFFECTS
 from affmap.env.layout import Layout
 from affmap.env.physics import THROTTLES, Vehicle
 
 PIXELS_PER_UNIT = 200
 WHITE, BLACK = (255, 255, 255), (0, 0, 0)
-COLORS = {
-    "obstacle": (70, 70, 70),
-    "fog": (200, 200, 210),
-    "force_up": (250, 205, 150),
-    "force_down": (150, 205, 250),
-    "none": (185, 225, 185),
-}
 VEHICLE, THROTTLE, GOAL, PLAN = (0, 140, 70), (30, 90, 220), (220, 40, 40), (30, 30, 30)
 
 
@@ -54,9 +48,9 @@ class Canvas:
             planned_positions: `[H, 2]` in u, or None.
         """
         self._surface.fill(WHITE)
-        # Solid things last: where a terrain overlaps an obstacle, the obstacle is what one meets.
-        for circle in sorted(self._layout.circles, key=lambda circle: circle.effect == "obstacle"):
-            self._disc(COLORS[circle.effect], np.array(circle.center), circle.radius)
+        layers = list(EFFECTS)
+        for circle in sorted(self._layout.circles, key=lambda circle: layers.index(circle.effect)):
+            self._disc(EFFECTS[circle.effect].color, np.array(circle.center), circle.radius)
         pygame.draw.rect(self._surface, BLACK, self._surface.get_rect(), width=2)
         self._disc(GOAL, goal, goal_radius, width=2)
         self._disc(GOAL, goal, 0.02)
@@ -94,5 +88,5 @@ class Canvas:
         x, y = point
         return round(x * PIXELS_PER_UNIT), round((self._layout.size[1] - y) * PIXELS_PER_UNIT)
 
-    def _disc(self, color: tuple[int, int, int], center: np.ndarray, radius: float, width: int = 0) -> None:
+    def _disc(self, color: tuple[int, int, int] | str, center: np.ndarray, radius: float, width: int = 0) -> None:
         pygame.draw.circle(self._surface, color, self._pixel(center), max(1, round(radius * PIXELS_PER_UNIT)), width)

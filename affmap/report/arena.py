@@ -13,18 +13,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Patch, Rectangle
 
+from affmap.effects import EFFECTS
 from affmap.report import maps
 from affmap.report.groups import PLANNER_COLORS
-from affmap.report.tables import Floats, Maps, Trajectories, World
-
-EFFECTS = {
-    "none": ("0.92", "no effect", None),
-    "force_up": ("#a1d99b", "pulls up", (0.0, 1.0)),
-    "force_down": ("#fdae6b", "pulls down", (0.0, -1.0)),
-    "fog": ("#9ecae1", "fog", None),
-    "obstacle": ("0.55", "obstacle", None),
-}
-"""Effect -> colour, name and direction of its arrow, from the lowest to the highest where circles overlap."""
+from affmap.report.records import Floats, Maps, Trajectories, World
 
 VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
 
@@ -78,14 +70,17 @@ def arena(ax: Axes, world: World) -> Axes:
 
 def circles(ax: Axes, world: World) -> Axes:
     """Fill the world's circles by their effect; an arrow says where a force field pulls."""
-    for effect, (color, _, pull) in EFFECTS.items():
-        for circle in (circle for circle in world.circles if circle.effect == effect):
+    for name, effect in EFFECTS.items():
+        for circle in (circle for circle in world.circles if circle.effect == name):
             center = (circle.x, circle.y)
-            ax.add_patch(Disc(center, circle.radius, fc=color, ec="none", zorder=1, alpha=0.85))
-            if effect == "none":
+            alpha = 0.5 if effect.pull else 0.85  # fields may overlap anything
+            ax.add_patch(Disc(center, circle.radius, fc=effect.color, ec="none", zorder=1, alpha=alpha))
+            if effect.pull:
+                ax.add_patch(Disc(center, circle.radius, fill=False, ec=effect.color, lw=1.2, zorder=2))
+            if name == "none":
                 ax.add_patch(Disc(center, circle.radius, fill=False, ec="0.6", lw=0.7, ls=":", zorder=1))
-            if pull is not None:
-                reach_x, reach_y = (0.6 * circle.radius * part for part in pull)
+            if effect.pull:
+                reach_x, reach_y = (0.6 * circle.radius * part for part in effect.pull)
                 tail, head = (circle.x - reach_x, circle.y - reach_y), (circle.x + reach_x, circle.y + reach_y)
                 ax.annotate("", head, tail, arrowprops={"arrowstyle": "->", "color": "0.35", "lw": 0.7}, zorder=2)
     return ax
@@ -96,7 +91,9 @@ def effect_handles(worlds: Iterable[World]) -> list[Patch]:
     present = {circle.effect for world in worlds for circle in world.circles}
     if present <= {"obstacle"}:
         return []
-    return [Patch(fc=color, ec="none", label=name) for effect, (color, name, _) in EFFECTS.items() if effect in present]
+    return [
+        Patch(fc=effect.color, ec="none", label=effect.label) for name, effect in EFFECTS.items() if name in present
+    ]
 
 
 def world_map(ax: Axes, world: World) -> Axes:

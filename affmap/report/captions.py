@@ -80,7 +80,7 @@ def _results(results: Results, scores: Sequence[Score], settings: ReportSettings
         )
     else:
         parts.append("(D) Mean distance to the goal in control.")
-    if settings.color == "planner" and len(results.planners) > 1:
+    if len(results.planners) > 1:
         parts.append("EB: evolutionary-based, GB: gradient-based.")
     if settings.axes:
         parts.append("Dotted lines: lowest and highest tick of the paper's axis, where it is in view.")
@@ -90,7 +90,7 @@ def _results(results: Results, scores: Sequence[Score], settings: ReportSettings
 
 
 def _per_box(results: Results, settings: ReportSettings) -> str:
-    return span(results.runs.groupby(["context_size", settings.color]).size())
+    return span(results.runs.groupby(["context_size", make_groups(results, settings).column]).size())
 
 
 def _trajectories(results: Results, settings: ReportSettings) -> str:

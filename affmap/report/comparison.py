@@ -13,8 +13,9 @@ import pandas as pd
 
 from affmap.report import figures, statistics
 from affmap.report.provenance import PROVENANCE, differences, leaves
+from affmap.report.records import PLANNERS, Job
 from affmap.report.statistics import Verdict
-from affmap.report.tables import PLANNERS, Job, Results, read_runs, score_matrix, write_csv, write_runs
+from affmap.report.tables import Results, read_runs, score_matrix, write_csv, write_runs
 from affmap.report.text import NOTHING, number
 from affmap.settings import ConfigError
 

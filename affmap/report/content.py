@@ -7,9 +7,10 @@ from affmap.report import blocks, claims, provenance, sentences
 from affmap.report.blocks import Block
 from affmap.report.claims import Score
 from affmap.report.groups import readable
+from affmap.report.records import PLANNERS
 from affmap.report.settings import ReportSettings
 from affmap.report.statistics import LEVEL
-from affmap.report.tables import PLANNERS, Results
+from affmap.report.tables import Results
 from affmap.report.text import NOTHING, metric_name, number, p_value, span
 
 RULE = (

@@ -15,10 +15,9 @@ from affmap.report.groups import make_groups
 from affmap.report.provenance import PROVENANCE
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv, write_runs
+from affmap.settings import ConfigError
 
 HERE = Path(__file__).parent
-
-"""File of a report's folder: what it was made of, and by which code."""
 
 
 def write(
@@ -39,7 +38,7 @@ def write(
         The path of the PDF. Where it is there already, made from the same stages by the same code, nothing is done.
 
     Raises:
-        ValueError: `settings.color` does not tell all settings apart.
+        ConfigError: there are several planners and several layouts.
     """
     make_groups(results, settings)  # refuses what cannot be told apart, before anything is written
     record = {
@@ -70,6 +69,19 @@ def is_written(output: Path, record: str) -> bool:
     """Whether a report that was made of the same, by the same code, is complete."""
     files = [output / name for name in ("report.pdf", "report.html", PROVENANCE)]
     return all(file.is_file() for file in files) and files[-1].read_text("utf-8") == record
+
+
+def check(output: Path, results: Results) -> None:
+    """Make sure that the report in a folder is that of some results.
+
+    Raises:
+        ConfigError: it is not, or there is none.
+    """
+    path, digests = output / PROVENANCE, {record["digest"] for record in results.provenance.values()}
+    if not path.is_file() or {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} != digests:
+        raise ConfigError(
+            f"{output} holds no report of these results; run affmap-report with the same arguments first."
+        )
 
 
 def code() -> str:

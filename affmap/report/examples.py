@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from affmap.report.tables import Job, Results, Trajectories
+from affmap.report.records import Job, Trajectories
+from affmap.report.tables import Results
 
 EXAMPLE_RULE = (
     "the first member, of its runs in a layout the one whose mean distance to the goal, averaged over the context "

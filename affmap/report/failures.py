@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from affmap.report.tables import Floats, Job, Results
+from affmap.report.records import Floats, Job
+from affmap.report.tables import Results
 
 REASONS = {
     "fog": "touched fog",

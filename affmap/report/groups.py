@@ -28,22 +28,21 @@ class Groups(NamedTuple):
 
 
 def make_groups(results: Results, settings: ReportSettings) -> Groups:
-    """What the colours of a report tell apart.
+    """What the colours of a report tell apart: layouts where there are several, else planners.
 
     Raises:
-        ConfigError: settings that differ in something else would end in the same box.
+        ConfigError: there are several of both, and some would end in the same box.
     """
-    values = {"planner": results.planners, "layout": results.layouts}
-    other = next(column for column in values if column != settings.color)
-    if len(values[other]) > 1:
+    planners, layouts = results.planners, results.layouts
+    if len(planners) > 1 and len(layouts) > 1:
         raise ConfigError(
-            f"report.color is {settings.color!r}, but these jobs differ in their {other} ({', '.join(values[other])}); "
-            f"say report.color={other}, or run one {other} only."
+            f"a report tells either planners or layouts apart, and here are several of both ({', '.join(planners)}; "
+            f"{', '.join(layouts)}); say planner={planners[0]} or control_layout={layouts[0]}, with output=runs/<name>."
         )
-    names = {value: readable(value, settings) for value in values[settings.color]}
-    layouts = dict(zip(results.layouts, LAYOUT_COLORS * len(results.layouts), strict=False))
-    colors = PLANNER_COLORS if settings.color == "planner" else layouts
-    return Groups(settings.color, names, {name: colors[value] for value, name in names.items()})
+    several = len(layouts) > 1
+    names = {value: readable(value, settings) for value in (layouts if several else planners)}
+    colors = dict(zip(layouts, LAYOUT_COLORS * len(layouts), strict=False)) if several else PLANNER_COLORS
+    return Groups("layout" if several else "planner", names, {name: colors[value] for value, name in names.items()})
 
 
 def readable(value: str, settings: ReportSettings) -> str:

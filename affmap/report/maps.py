@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from affmap.report.tables import Circle, Floats, World
+from affmap.report.records import Circle, Floats, World
 
 Mask = NDArray[np.bool_]
 

@@ -14,12 +14,11 @@ import pandas as pd
 from affmap.report import blocks, captions, claims, content, provenance, rendering, sentences
 from affmap.report.blocks import Block
 from affmap.report.claims import Score
-from affmap.report.document import HERE, code, deviations, is_written, write_text
+from affmap.report.document import HERE, check, code, deviations, is_written, write_text
 from affmap.report.provenance import PROVENANCE
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv
 from affmap.report.text import NOTHING, number, p_value, points
-from affmap.settings import ConfigError
 
 TITLE = "Affordances and active motor control: the paper's experiments"
 
@@ -56,7 +55,7 @@ def write(output: Path, parts: Sequence[Part], *, command: str, notice: str | No
         ConfigError: the report of an experiment is not that of its results.
     """
     for part in parts:
-        _check(part)
+        check(part.output, part.results)
     record = _record(parts, command, notice)
     text, path = json.dumps(record, indent=1, ensure_ascii=False, default=dict) + "\n", output / "report.pdf"
     if is_written(output, text):
@@ -68,16 +67,6 @@ def write(output: Path, parts: Sequence[Part], *, command: str, notice: str | No
     rendering.write(output, data)
     write_text(output / PROVENANCE, text)  # last: what is there when this is there is whole
     return path
-
-
-def _check(part: Part) -> None:
-    """Refuse figures of other results than those that are written about."""
-    path = part.output / PROVENANCE
-    digests = {record["digest"] for record in part.results.provenance.values()}
-    if not path.is_file() or {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} != digests:
-        raise ConfigError(
-            f"{part.output} holds no report of these results; run affmap-report for {part.title!r} first."
-        )
 
 
 def _record(parts: Sequence[Part], command: str, notice: str | None) -> dict[str, Any]:

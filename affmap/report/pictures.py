@@ -9,8 +9,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from affmap.report import arena
 from affmap.report.examples import choose_examples
 from affmap.report.groups import readable
+from affmap.report.records import Floats, Job, Maps, World
 from affmap.report.settings import ReportSettings
-from affmap.report.tables import Floats, Job, Maps, Results, World
+from affmap.report.tables import Results
 
 WIDTH = 7.0
 """Inches: the text width of the report's page, so that nothing is scaled and fonts keep their size."""

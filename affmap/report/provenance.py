@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from affmap.report.tables import STAGES, Results
+from affmap.report.records import STAGES
+from affmap.report.tables import Results
 from affmap.report.text import NOTHING, points
 
 PROVENANCE = "provenance.json"
@@ -68,9 +69,11 @@ def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
         for job in results.jobs:
             config = results.provenance[job.control]["config"]
             named = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
-            # So that a point can be about a channel, and is left out where no view has it.
-            channels = {f"channel.{name}": name.replace("_", " ") for name in config["control_layout"]["channels"]}
-            values = leaves(config) | named | channels | values
+            # So that a point can be about an effect, and is left out where no circle has it.
+            layouts = [*config["training_layouts"], config["control_layout"]]
+            circles = [circle for layout in layouts for circle in layout.get("circles", layout.get("properties"))]
+            effects = {f"effect.{each['effect']}": each["effect"].replace("_", " ") for each in circles}
+            values = leaves(config) | named | effects | values
     return [
         (title, _PLACEHOLDER.sub(lambda match: shown(values[match[1]]), text))
         for title, text in points(template)

@@ -23,10 +23,8 @@ class ReportSettings(Settings):
     """Whether a report is wanted though some settings are not complete; it says so on every figure."""
     claims: Literal["exp1", "exp2", "exp3", "exp4", "exp5"] | None = Field(exclude=True)
     """The experiment of the paper whose claims are tested; None for an experiment that the paper does not have."""
-    color: Literal["planner", "layout"] = Field(exclude=True)
-    """The column of the runs that colours tell apart."""
     names: Mapping[str, str] = Field(exclude=True)
-    """What the values of that column are called; others keep their own names."""
+    """What planners and layouts are called; others keep their own names."""
     outcome: Literal["mean_distance", "success"] = Field(exclude=True)
     """What the success of control is measured by, beside the prediction error."""
     axes: Mapping[Metric, tuple[float, float]] = Field(exclude=True)

@@ -1,30 +1,23 @@
-"""Completed stages on disk -> tidy tables and arrays. Knows file formats, and neither tests, figures nor other modules.
+"""Completed stages on disk -> tidy tables and records. Knows file formats, and neither tests nor figures.
 
-Axes: M members, T recorded steps, B = M x 4 runs, H planning horizon, C context code, Y and X rows and columns of a
-grid (row 0 has the smallest y). Lengths are in units (u), times in steps, likelihoods in nats (both coordinates summed,
-constants included).
+Lengths are in units (u), times in steps, likelihoods in nats (both coordinates summed, constants included).
 """
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from affmap.report.records import PLANNERS, STAGES, Exploration, Job, Maps, Trajectories, World
 from affmap.settings import ConfigError
-
-PLANNERS = {"cem": "EB", "gradient": "GB"}
-"""The paper's short names: evolutionary-based and gradient-based active inference."""
 
 LAYOUTS = "layouts.json"
 """File of a control stage: the layout of each run."""
-
-STAGES = ("data", "train", "map", "control")
 
 RUN_COLUMNS = [
     "layout",
@@ -50,122 +43,7 @@ RUN_COLUMNS = [
 ]
 VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
 
-Floats = NDArray[np.floating]
-Record = TypeVar("Record", bound="Maps | Exploration | Trajectories")
-
-
-@dataclass(frozen=True)
-class Job:
-    """One setting of the sweep, and the folders of its completed stages."""
-
-    context_size: int
-    planner: str
-    """`cem` (evolutionary, EB) or `gradient` (GB)."""
-    layout: str
-    """Name of the layout that was flown in."""
-    data: Path
-    train: Path
-    map: Path
-    control: Path
-
-    def __post_init__(self) -> None:
-        if self.planner not in PLANNERS:
-            raise ValueError(f"planner is {self.planner!r}; the report knows {', '.join(PLANNERS)}")
-
-
-class Circle(NamedTuple):
-    """A circle of a world; lengths in u."""
-
-    x: float
-    y: float
-    radius: float
-    effect: str
-    """`obstacle`, `fog`, `force_up`, `force_down` or `none`."""
-
-
-@dataclass(frozen=True)
-class World:
-    """A layout; lengths in u, the lower left corner is the origin."""
-
-    name: str
-    size: tuple[float, float]
-    circles: tuple[Circle, ...]
-    start_margin: float
-    """Distance of the four start squares to the borders."""
-    start_side: float
-    """Side of a start square."""
-    vehicle_radius: float
-
-    @property
-    def obstacles(self) -> tuple[Circle, ...]:
-        """The circles that block the way."""
-        return tuple(circle for circle in self.circles if circle.effect == "obstacle")
-
-
-class Maps(NamedTuple):
-    """Affordance maps of all members of one training."""
-
-    codes: Floats
-    """`[M, Y, X, C]` context codes at the nodes."""
-    initial_codes: Floats
-    """`[M, Y, X, C]`, the same before training."""
-    snapshot_codes: Floats
-    """`[E, M, Y, X, C]`, the same after E epochs of the training, the last one included; E is 0 where none was kept."""
-    epochs: NDArray[np.integer]
-    """`[E]`, numbers of those epochs."""
-    x: Floats
-    """`[X]` in u."""
-    y: Floats
-    """`[Y]` in u."""
-    member: NDArray[np.integer]
-    """`[M]`."""
-
-    @property
-    def untrained(self) -> "Maps":
-        """The maps of the same members before training."""
-        return self._replace(codes=self.initial_codes)
-
-    @property
-    def snapshots(self) -> "dict[int, Maps]":
-        """Epoch -> the maps of the same members after it."""
-        return {int(e): self._replace(codes=codes) for e, codes in zip(self.epochs, self.snapshot_codes, strict=True)}
-
-    @property
-    def nodes(self) -> Floats:
-        """`[Y, X, 2]` positions of the nodes, u."""
-        return np.stack(np.meshgrid(self.x, self.y), axis=-1)
-
-
-class Exploration(NamedTuple):
-    """Where the data set has been, in each of W training worlds."""
-
-    counts: NDArray[np.integer]
-    """`[W, Y, X]` recorded steps in each cell of 0.1 u."""
-    free: NDArray[np.bool_]
-    """`[W, Y, X]`: can the vehicle's centre be at the cell's centre?"""
-    coverage: Floats
-    """`[W]`, share of the free cells that were visited."""
-
-
-class Trajectories(NamedTuple):
-    """What control recorded; absolute positions in u."""
-
-    position: Floats
-    """`[B, T + 1, 2]`."""
-    goal: Floats
-    """`[B, 2]`."""
-    planned_position: Floats
-    """`[B, T, H, 2]` mean of the predicted positions at each step."""
-    planned_std: Floats
-    """`[B, T, H, 2]` standard deviation of the predicted positions (accumulated over the horizon)."""
-    in_fog: NDArray[np.bool_]
-    """`[B, T]`: did the vehicle overlap fog at the end of the step?"""
-    reached: NDArray[np.bool_]
-    """`[B, T]`: was it at the goal then?"""
-    member: NDArray[np.integer]
-    """`[B]`."""
-    run: NDArray[np.integer]
-    """`[B]`."""
+Record = TypeVar("Record", Maps, Exploration, Trajectories)
 
 
 @dataclass(frozen=True)
@@ -269,18 +147,18 @@ class Results:
     def map_world(self, job: Job) -> World:
         """The world whose maps a job has painted."""
         config = self.provenance[job.map]["config"]
-        return _world(config["map_layout"], config["vehicle"])
+        return World.of(config["map_layout"], config["vehicle"])
 
     def training_worlds(self, job: Job) -> list[World]:
         """The worlds that a job's data come from."""
         config = self.provenance[job.data]["config"]
-        return [_world(layout, config["vehicle"]) for layout in config["training_layouts"]]
+        return [World.of(layout, config["vehicle"]) for layout in config["training_layouts"]]
 
     def worlds(self, job: Job) -> list[World]:
         """The world of each of a job's B runs."""
         config = self.provenance[job.control]["config"]
         layouts = json.loads((job.control / LAYOUTS).read_text("utf-8"))
-        return [_world(layout, config["vehicle"]) for layout in layouts]
+        return [World.of(layout, config["vehicle"]) for layout in layouts]
 
     def trajectories(self, job: Job) -> Trajectories:
         """What control recorded in one setting."""
@@ -333,15 +211,3 @@ def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
 def _read_arrays(record: type[Record], path: Path) -> Record:
     with np.load(path, allow_pickle=False) as arrays:
         return record(**{field: arrays[field][()] for field in record._fields})
-
-
-def _world(layout: dict[str, Any], vehicle: dict[str, Any]) -> World:
-    circles: Iterable[dict[str, Any]] = layout["circles"]
-    return World(
-        name=layout["name"],
-        size=(float(layout["size"][0]), float(layout["size"][1])),
-        circles=tuple(Circle(c["center"][0], c["center"][1], c["radius"], c["effect"]) for c in circles),
-        start_margin=float(layout["start_margin"]),
-        start_side=float(layout["start_side"]),
-        vehicle_radius=float(vehicle["radius"]),
-    )

@@ -58,7 +58,10 @@ def test_the_original_is_the_paper_s_size_with_six_obstacles() -> None:
         ({"circles": [circle(radius=0)]}, ["circles[0].radius = 0", "greater than 0"]),
         ({"circles": [circle(radius=math.nan)]}, ["circles[0].radius = nan", "finite number"]),
         ({"circles": [circle(radius=math.inf)]}, ["circles[0].radius = inf", "finite number"]),
-        ({"circles": [circle(effect="wall")]}, ["circles[0].effect = 'wall'", "'obstacle', 'fog', 'force_up'"]),
+        (
+            {"circles": [circle(effect="wall")]},
+            ["circles[0].effect = 'wall'", "one of 'none', 'force_up', 'force_down'"],
+        ),
         ({"circles": [circle(colour="red")]}, ["circles[0].colour = 'red'", "not a known key", "remove it"]),
         ({"circles": [circle(channel="soft")]}, ["circles[0].channel = 'soft'", "one of channels ['solid']"]),
         ({"circle": []}, ["circle = []", "not a known key", "remove it"]),

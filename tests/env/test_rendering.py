@@ -7,10 +7,13 @@ import numpy as np
 import pygame
 import pytest
 
+from affmap.effects import EFFECTS
 from affmap.env import Layout, VehicleEnv
-from affmap.env.rendering import COLORS, GOAL, PLAN, THROTTLE, VEHICLE, WHITE
+from affmap.env.rendering import GOAL, PLAN, THROTTLE, VEHICLE, WHITE
 
 START, TARGET = [0.3, 0.25], [2.7, 1.6]
+
+COLORS = {name: tuple(pygame.Color(effect.color))[:3] for name, effect in EFFECTS.items()}
 
 
 @pytest.fixture(autouse=True)
@@ -66,11 +69,11 @@ def test_each_effect_has_its_colour_and_obstacles_lie_on_top() -> None:
         {"center": [0.5 * number + 0.5, 1.0], "radius": 0.2, "effect": effect, "channel": "solid"}
         for number, effect in enumerate(COLORS)
     ]
-    circles.append({"center": [0.5, 1.0], "radius": 0.3, "effect": "fog", "channel": "solid"})
+    circles.append({"center": [2.5, 1.0], "radius": 0.3, "effect": "fog", "channel": "solid"})
     frame = picture(made(layout=Layout.load("layout", "original", circles=circles)))
     for number, effect in enumerate(COLORS):
         assert color(frame, 0.5 * number + 0.5, 1.0) == COLORS[effect]
-    assert color(frame, 0.25, 1.0) == COLORS["fog"]
+    assert color(frame, 2.75, 1.0) == COLORS["fog"]
     assert len({*COLORS.values(), WHITE, VEHICLE, GOAL, PLAN, THROTTLE}) == 10
 
 

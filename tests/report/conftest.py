@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from affmap.report.tables import Circle, Job, World
+from affmap.report.records import Circle, Job, World
 
 LAYOUTS = Path(__file__).parents[2] / "conf" / "layout"
 VEHICLE = {"radius": 0.06}

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from affmap.report import comparison, panels
-from affmap.report.tables import Job
+from affmap.report.records import Job
 
 KEY = "lookup.spacing"
 

@@ -17,9 +17,11 @@ import yaml
 from affmap.report import claims, document, paper, provenance, rendering, sentences
 from affmap.report.claims import CLAIMS
 from affmap.report.paper import Part
+from affmap.report.records import Job
 from affmap.report.settings import ReportSettings
-from affmap.report.tables import Job, Results
+from affmap.report.tables import Results
 from affmap.report.text import NOTHING, listed, points, span
+from affmap.settings import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"
 NOTICE = "SMOKE RUN: 2 members, 2 epochs; not a result"
@@ -204,8 +206,9 @@ def test_an_experiment_of_ones_own_has_no_claims(results: dict[str, Results], tm
 
 
 def test_settings_that_colours_cannot_tell_apart_are_refused(results: dict[str, Results], tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"report.color=layout, or run one layout only"):
-        write(tmp_path, results["exp2"], "exp1")
+    jobs = [*results["exp2"].jobs, *(job for job in results["exp1"].jobs if job.planner == "gradient")]
+    with pytest.raises(ConfigError, match="several of both"):
+        write(tmp_path, Results(tuple(jobs)), "exp1")
     assert not list(tmp_path.iterdir())
 
 
@@ -298,9 +301,12 @@ def test_numbers_and_words_are_enumerated() -> None:
 
 def test_a_deviation_is_told_where_it_was_run(results: dict[str, Results]) -> None:
     """Values of what was run are filled in; a point about something else is left out."""
-    template = "- **A.** ${control_layout.name}\n- **B.** ${channel.fog}\n- **C.** ${gradient.decay}\n"
-    assert provenance.fill(template, [results["exp1"]]) == [("A.", "original")]
-    assert provenance.fill(template, [results["exp4"], results["exp1"]]) == [("A.", "fog"), ("B.", "fog")]
+    template = "- **A.** ${control_layout.name}\n- **B.** ${effect.force_up}\n- **C.** ${gradient.decay}\n"
+    assert provenance.fill(template, [results["exp2"]]) == [("A.", "original")]
+    assert provenance.fill(template, [results["exp5"], results["exp2"]]) == [
+        ("A.", "procedural_easy"),
+        ("B.", "force up"),
+    ]
 
 
 def _red_pixels(png: bytes, rows: int) -> int:

@@ -1,6 +1,7 @@
 """References: hand-computed boxes, bars and rules; a member's own map for its colours."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,18 +10,19 @@ from matplotlib.figure import Figure
 
 from affmap.report import arena, captions, examples, failures, figures, maps, panels, pictures
 from affmap.report.groups import Groups, make_groups
+from affmap.report.records import Job, Trajectories, World
 from affmap.report.settings import ReportSettings
-from affmap.report.tables import Job, Results, Trajectories, World
+from affmap.report.tables import Results
+from affmap.settings import ConfigError
 
 WriteStages = Callable[..., list[Job]]
 PLANNERS = Groups("planner", {"cem": "EB"}, {"EB": "#0072B2"})
-LAYOUTS = ReportSettings(
+SETTINGS = ReportSettings(
     map_spacing=0.02,
     snapshots=False,
     compare=None,
     partial=False,
     claims=None,
-    color="layout",
     names={"procedural_easy": "easy", "procedural_hard": "hard", "three_looks": "hard"},
     outcome="success",
     axes={},
@@ -138,15 +140,15 @@ def test_the_papers_context_size_is_shown(results: dict[str, Results]) -> None:
 
 def test_every_world_is_shown_once(results: dict[str, Results]) -> None:
     """By hand: four for training, three of each procedural layout, one for maps; and the only one of Experiment I."""
-    shown = pictures.shown_worlds(results["exp5"], LAYOUTS)
+    shown = pictures.shown_worlds(results["exp5"], SETTINGS)
     assert len(shown) == 4 + 3 + 3 + 1 and len(set(shown.values())) == 11
     assert {"training fog (training)", "hard (control, run 2)", "four properties (maps)"} <= shown.keys()
-    assert list(pictures.shown_worlds(results["exp1"], LAYOUTS)) == ["original (training, control, maps)"]
+    assert list(pictures.shown_worlds(results["exp1"], SETTINGS)) == ["original (training, control, maps)"]
 
 
 def test_curves_are_drawn_for_each_training(results: dict[str, Results]) -> None:
     """Experiment III trains for both layouts, Experiment V once for both."""
-    titled = {name: figures.main_results(results[name], LAYOUTS).axes for name in ("exp3", "exp5")}
+    titled = {name: figures.main_results(results[name], SETTINGS).axes for name in ("exp3", "exp5")}
     count = {name: sum(ax.get_xlabel() == "epoch" for ax in axes) for name, axes in titled.items()}
     assert count == {"exp3": 2, "exp5": 1}
 
@@ -159,11 +161,15 @@ def test_exploration_is_shown_in_every_world_of_every_data_set(results: dict[str
 
 
 def test_groups_have_names_and_colours_of_their_own(results: dict[str, Results]) -> None:
-    groups = make_groups(results["exp5"], LAYOUTS)
-    assert groups.names == {"procedural_easy": "easy", "procedural_hard": "hard"}
+    """Layouts where there are several, else planners."""
+    groups = make_groups(results["exp5"], SETTINGS)
+    assert (groups.column, groups.names) == ("layout", {"procedural_easy": "easy", "procedural_hard": "hard"})
     assert len(set(groups.palette.values())) == 2
-    with pytest.raises(ValueError, match=r"say report\.color=layout"):
-        make_groups(results["exp5"], LAYOUTS.model_copy(update={"color": "planner"}))
+    groups = make_groups(results["exp1"], SETTINGS)
+    assert (groups.column, groups.names) == ("planner", {"cem": "cem"})
+    other = replace(results["exp2"].jobs[0], planner="gradient")
+    with pytest.raises(ConfigError, match=r"several of both \(cem, gradient; original, .*say planner=cem or control_"):
+        make_groups(Results((*results["exp2"].jobs, other)), SETTINGS)
 
 
 def test_half_way_is_the_first_step_with_half_of_the_distance_left() -> None:
@@ -197,6 +203,6 @@ def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     """One layout has all context sizes, the other only the smallest."""
     jobs = [job for job in results["exp5"].jobs if job.layout == "procedural_easy" or job.context_size == 0]
     part = Results(tuple(jobs))
-    drawn = {name for name, draw in figures.FIGURES.items() if draw(part, LAYOUTS)}
+    drawn = {name for name, draw in figures.FIGURES.items() if draw(part, SETTINGS)}
     assert drawn == set(figures.FIGURES) - {"growth"}
-    assert "(C) Prediction error in control, 8 runs a box" in captions.captions(part, [], LAYOUTS)["results"]
+    assert "(C) Prediction error in control, 8 runs a box" in captions.captions(part, [], SETTINGS)["results"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from affmap.report import maps
-from affmap.report.tables import World
+from affmap.report.records import World
 
 EVERYWHERE = np.ones((4, 5), dtype=bool)
 

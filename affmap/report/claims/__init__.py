@@ -11,8 +11,9 @@ import pandas as pd
 
 from affmap.report.claims import experiment1, experiment2, experiment3, experiment4, experiment5
 from affmap.report.claims.parts import METRICS, Claim, Part, Score
+from affmap.report.records import PLANNERS
 from affmap.report.settings import Metric, ReportSettings
-from affmap.report.tables import PLANNERS, Results
+from affmap.report.tables import Results
 
 __all__ = ["CLAIMS", "COLUMNS", "METRICS", "Claim", "Part", "Score", "as_table", "medians", "score"]
 

@@ -21,7 +21,7 @@ from affmap.report.maps import (
     sees_only,
     surface_distance,
 )
-from affmap.report.tables import Circle, Floats, Maps, World
+from affmap.report.records import Circle, Floats, Maps, World
 
 OPPOSITE = {"left": "right", "right": "left", "lower": "upper", "upper": "lower"}
 

@@ -5,8 +5,9 @@ from functools import partial
 from affmap.report.claims import encoding, parts
 from affmap.report.claims.encoding import Contrast
 from affmap.report.claims.parts import Claim, Pair, Part
+from affmap.report.records import PLANNERS
 from affmap.report.statistics import Direction
-from affmap.report.tables import PLANNERS, Results
+from affmap.report.tables import Results
 
 
 def _control(results: Results, planner: str, metric: str, direction: Direction) -> list[Part]:

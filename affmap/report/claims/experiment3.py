@@ -5,8 +5,9 @@ import numpy as np
 from affmap.report import statistics
 from affmap.report.claims import encoding, parts
 from affmap.report.claims.parts import METRICS, NO_CONTEXT, NOWHERE, Claim, Pair, Part
+from affmap.report.records import Floats
 from affmap.report.statistics import Outcome
-from affmap.report.tables import Floats, Results
+from affmap.report.tables import Results
 
 EASY, HARD = "original", "three_looks"
 """Layouts."""

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from affmap.report import statistics
 from affmap.report.claims.encoding import Contrast
+from affmap.report.records import Floats, Maps, World
 from affmap.report.statistics import Direction, Outcome, Verdict
-from affmap.report.tables import Floats, Maps, Results, World, score_matrix
+from affmap.report.tables import Results, score_matrix
 from affmap.report.text import number, p_value
 
 METRICS = {"validation_nll": "nats", "prediction_error": "nats", "mean_distance": "u", "success": "share"}

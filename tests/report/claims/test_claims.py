@@ -10,9 +10,10 @@ import pytest
 
 from affmap.report import claims
 from affmap.report.claims import encoding, experiment4, experiment5
+from affmap.report.records import Job, Maps
 from affmap.report.settings import ReportSettings
 from affmap.report.statistics import Verdict
-from affmap.report.tables import Job, Maps, Results
+from affmap.report.tables import Results
 
 WriteStages = Callable[..., list[Job]]
 WriteGrowth = Callable[..., Job]
@@ -57,7 +58,6 @@ def settings(**changes: Any) -> ReportSettings:
         "compare": None,
         "partial": False,
         "claims": None,
-        "color": "planner",
         "names": {},
         "outcome": "mean_distance",
         "axes": {"validation_nll": (-10, -8), "prediction_error": (-12, -8), "mean_distance": (0.4, 1.2)},

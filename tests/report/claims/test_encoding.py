@@ -8,8 +8,8 @@ import pytest
 
 from affmap.report import statistics
 from affmap.report.claims import encoding
+from affmap.report.records import Circle, Maps, World
 from affmap.report.statistics import Verdict
-from affmap.report.tables import Circle, Maps, World
 
 X, Y = np.arange(151) * 0.02, np.arange(101) * 0.02
 NODES = np.stack(np.meshgrid(X, Y), axis=-1)

@@ -1,0 +1,30 @@
+"""What a circle of a world can do to the vehicle: one table for physics, pictures and reports (leaf).
+
+A force that pulls in another direction is one more line of it.
+"""
+
+from typing import NamedTuple
+
+
+class Effect(NamedTuple):
+    """An effect, and how readers see it."""
+
+    label: str
+    """What legends call it."""
+    color: str
+    """`#rrggbb`."""
+    pull: tuple[float, float] | None = None
+    """Direction in which it pulls, x and y; None where it does not."""
+
+
+EFFECTS = {
+    "none": Effect("no effect", "#ebebeb"),
+    "force_up": Effect("pulls up", "#a1d99b", (0.0, 1.0)),
+    "force_down": Effect("pulls down", "#fdae6b", (0.0, -1.0)),
+    "fog": Effect("fog", "#9ecae1"),
+    "obstacle": Effect("obstacle", "#8c8c8c"),
+}
+"""Name in `conf/layout` -> effect, from the lowest to the highest where circles overlap in a picture."""
+
+PULLS = {name: effect.pull for name, effect in EFFECTS.items() if effect.pull}
+"""Effect -> direction of its pull; where several fields overlap, their pulls add up."""
