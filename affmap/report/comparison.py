@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import figures, statistics
+from affmap.report.metrics import METRICS
 from affmap.report.provenance import PROVENANCE, differences, leaves
 from affmap.report.records import PLANNERS, Job
 from affmap.report.statistics import Verdict
@@ -19,13 +20,8 @@ from affmap.report.tables import Results, read_runs, score_matrix, write_csv, wr
 from affmap.report.text import NOTHING, number
 from affmap.settings import ConfigError
 
-MARGINS = {
-    "prediction_error": ("nats", 0.5),
-    "mean_distance": ("u", 0.05),
-    "reached": ("share", 0.05),
-    "success": ("share", 0.05),
-}
-"""Metric -> unit, and the difference that would not matter: small against the differences between context sizes."""
+COMPARED = ("prediction_error", "mean_distance", "reached", "success")
+"""Metrics."""
 
 WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
 """What the verdict on being the same is called here."""
@@ -122,13 +118,12 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
     settings = [column for column, source in COLUMNS.items() if source != key]
     if "layout" in settings and runs["layout"].nunique() == 1:
         settings.remove("layout")
-    metrics = dict(MARGINS)
-    if (runs["success"] == runs["reached"]).all():
-        del metrics["success"]
+    redundant = {"success"} if (runs["success"] == runs["reached"]).all() else set()
+    metrics = [metric for metric in COMPARED if metric not in redundant]
     rows = []
     for setting, group in runs.groupby(settings):
         named = dict(zip(settings, setting, strict=True))
-        for metric, (unit, margin) in metrics.items():
+        for metric in metrics:
             scores = score_matrix(group, metric, [factor])  # [M, values]
             medians = group.astype({metric: float}).groupby(factor)[metric].median()
             for other in others:
@@ -139,7 +134,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
                     {
                         **named,
                         "metric": metric,
-                        "unit": unit,
+                        "unit": METRICS[metric].unit,
                         "members": len(scores),
                         "a": first,
                         "b": other,
@@ -150,16 +145,16 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
                         "difference": difference.mean(),
                         "low": low,
                         "high": high,
-                        "margin": margin,
-                        "verdict": verdict(low, high, margin),
+                        "margin": METRICS[metric].margin,
+                        "verdict": verdict(low, high, METRICS[metric].margin),
                     }
                 )
     return pd.DataFrame(rows).replace({"planner": PLANNERS})
 
 
-def verdict(low: float | None, high: float | None, margin: float) -> str:
+def verdict(low: float | None, high: float | None, margin: float | None) -> str:
     """What an interval of a difference says: "same", "different" or "not decided"."""
-    if low is None or high is None:
+    if low is None or high is None or margin is None:
         return WORDS[Verdict.NOT_DECIDED]
     return WORDS[statistics.equivalence(low, high, margin)]
 
@@ -174,7 +169,7 @@ def markdown(table: pd.DataFrame, key: str) -> str:
         interval = f" [{number(row['low'], sign=True)}, {number(row['high'], sign=True)}]"
         cells = [
             *(str(row[column]) for column in settings),
-            f"{row['metric'].replace('_', ' ')} ({row['unit']})",
+            f"{METRICS[row['metric']].name} ({row['unit']})",
             f"{_shown(row['a'])}, {_shown(row['b'])}",
             f"{number(row['mean_a'])}, {number(row['mean_b'])}",
             f"{number(row['median_a'])}, {number(row['median_b'])}",

@@ -7,11 +7,12 @@ from affmap.report import blocks, claims, provenance, sentences
 from affmap.report.blocks import Block
 from affmap.report.claims import Score
 from affmap.report.groups import readable
+from affmap.report.metrics import METRICS
 from affmap.report.records import PLANNERS
 from affmap.report.settings import ReportSettings
 from affmap.report.statistics import LEVEL
 from affmap.report.tables import Results
-from affmap.report.text import NOTHING, metric_name, number, p_value, span
+from affmap.report.text import NOTHING, number, p_value, span
 
 RULE = (
     "Tests are paired by member; a member's score is its mean over its runs. Trends over context sizes: Page's "
@@ -77,7 +78,7 @@ def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
     rows = []
     for _, group in table.groupby(["metric", "planner", "layout"], sort=False):
         first = group.iloc[0]
-        label = f"{first['statistic']} {metric_name(first['metric'])} ({first['unit']})"
+        label = f"{first['statistic']} {METRICS[first['metric']].name} ({first['unit']})"
         centers = group.set_index("context_size")["shown"].reindex(results.context_sizes, fill_value=NOTHING)
         planner = PLANNERS.get(first["planner"], first["planner"]) or NOTHING
         layout = readable(first["layout"], settings) if first["layout"] else NOTHING

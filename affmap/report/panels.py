@@ -18,20 +18,12 @@ from matplotlib.ticker import MaxNLocator
 from affmap.report import statistics
 from affmap.report.failures import REASONS, shares
 from affmap.report.groups import PLANNER_COLORS, Groups
+from affmap.report.metrics import METRICS
 
 HUGE, LINEAR = 300, 20
 """nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
 
 REASON_COLORS = {"fog": "#6BAED6", "stuck": "#333333", "other": "#CC6677"}
-
-LABELS = {
-    "validation_nll": "validation NLL (nats)",
-    "prediction_error": "prediction error (nats)",
-    "mean_distance": "mean distance to the goal (u)",
-    "success": "share of successful runs",
-    "reached": "share of runs that reached the goal",
-    "steps_touching": "steps touching a surface",
-}
 
 Span = tuple[float, float] | None
 """Lowest and highest tick of the paper's axis, marked by dotted lines; or None."""
@@ -67,7 +59,7 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None) -> A
         legend="full",
         ax=ax,
     )
-    ax.set(xlabel="epoch", ylabel=LABELS["validation_nll"])
+    ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
     return _legend_above(ax, 8 if len(sizes) <= 5 else 4)
 
@@ -100,12 +92,12 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
             medianprops={"linewidth": 1.6},
             ax=ax,
         )
-    ax.set(xlabel="context size", ylabel=LABELS[metric])
+    ax.set(xlabel="context size", ylabel=METRICS[metric].label)
     if runs[metric].min() >= 0:  # a length or a count: let its zero be seen
         ax.set_ylim(bottom=0)
     elif ax.get_ylim()[1] > HUGE:  # a model that is surprised by all it meets: let the others be seen, too
         ax.set_yscale("symlog", linthresh=LINEAR)
-        ax.set_ylabel(f"{LABELS[metric][:-1]}, log beyond ±{LINEAR})")
+        ax.set_ylabel(f"{METRICS[metric].label[:-1]}, log beyond ±{LINEAR})")
     return _legend_above(ax)
 
 
@@ -137,7 +129,7 @@ def bars(
         gap=0.1,
         ax=ax,
     )
-    ax.set(xlabel="context size", ylabel=LABELS[metric])
+    ax.set(xlabel="context size", ylabel=METRICS[metric].label)
     ax.set_ylim(0.0, max(1.05, ax.get_ylim()[1]))
     return _legend_above(ax)
 
@@ -208,7 +200,7 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             lw=1,
             label=", ".join(f"C = {part}" if key == "context_size" else str(part) for key, part in named.items()),
         )
-    ax.set_title(str(table["metric"].iloc[0]).replace("_", " "), loc="left")
+    ax.set_title(METRICS[table["metric"].iloc[0]].name, loc="left")
     ax.set_ylabel(f"difference ({unit})")
     return ax
 

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 
 from affmap.report import provenance
-from affmap.report.claims import METRICS, Score
+from affmap.report.claims import Score
 from affmap.report.groups import make_groups, readable
+from affmap.report.metrics import METRICS
 from affmap.report.settings import ReportSettings
 from affmap.report.statistics import Outcome, Verdict
 from affmap.report.tables import Results
-from affmap.report.text import NOTHING, listed, metric_name, number, span
+from affmap.report.text import NOTHING, listed, number, span
 
 _PLANNER_NAMES = {"cem": "EB (evolutionary-based)", "gradient": "GB (gradient-based)"}
 
@@ -24,7 +25,7 @@ def effect(outcome: Outcome, unit: str) -> str:
     """An effect with its interval and unit."""
     if outcome.effect is None:
         return NOTHING
-    digits = 3 if unit == "ratio" else 2
+    digits = 4 if unit == "ratio" else 2
     size, *ends = (number(value, digits, sign=True) for value in (outcome.effect, outcome.low, outcome.high))
     return f"{size} {unit}" if outcome.low is None else f"{size} [{', '.join(ends)}] {unit}"
 
@@ -60,9 +61,9 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
         for value in (value for value in values if value in set(table[column])):
             scores = table[table[column] == value].astype({metric: float}).groupby("context_size")[metric]
             centers = scores.mean() if metric == "success" else scores.median()
-            ends = [f"{number(centers[size])} {METRICS[metric]} at C = {size}" for size in centers.index[[0, -1]]]
+            ends = [f"{number(centers[size])} {METRICS[metric].unit} at C = {size}" for size in centers.index[[0, -1]]]
             who = f" ({readable(value, settings)})" if table[column].nunique() > 1 else ""
-            kind = "Share of successful runs" if metric == "success" else f"Median {metric_name(metric)}"
+            kind = "Share of successful runs" if metric == "success" else f"Median {METRICS[metric].name}"
             sentences.append(f"{kind}{who}: {', '.join(dict.fromkeys(ends))}.".replace(" share at", " at"))
     return sentences
 

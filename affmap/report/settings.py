@@ -7,7 +7,7 @@ from pydantic import Field, PositiveFloat
 
 from affmap.settings import Settings
 
-Metric = Literal["validation_nll", "prediction_error", "mean_distance", "success"]
+MetricName = Literal["validation_nll", "prediction_error", "mean_distance", "success"]
 
 
 class ReportSettings(Settings):
@@ -27,5 +27,5 @@ class ReportSettings(Settings):
     """What planners and layouts are called; others keep their own names."""
     outcome: Literal["mean_distance", "success"] = Field(exclude=True)
     """What the success of control is measured by, beside the prediction error."""
-    axes: Mapping[Metric, tuple[float, float]] = Field(exclude=True)
+    axes: Mapping[MetricName, tuple[float, float]] = Field(exclude=True)
     """Metric -> lowest and highest tick of the paper's axis; it prints no result as text."""

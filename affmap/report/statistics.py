@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from affmap.report.metrics import Statistic
+
 LEVEL = 0.05
 """One-sided level of every test."""
 
@@ -22,6 +24,7 @@ MIN_MEMBERS = 5
 """With fewer, the signed-rank test cannot reach the level (0.5 ** 4 = 0.0625), and an interval means nothing."""
 
 Direction = Literal["falls", "rises"]
+Order = Literal["lower", "higher"]
 Scores = NDArray[np.floating]
 
 
@@ -41,9 +44,9 @@ class Outcome:
     members: int
     verdict: Verdict
     effect: float | None = None
-    """Mean over members of a difference, or of the score whose level is tested; sign and unit are the claim's."""
+    """Mean or median over members of a difference, or mean of the score whose level is tested; the unit is theirs."""
     low: float | None = None
-    """Lower end of the effect's 95 % bootstrap interval over members."""
+    """Lower end of the effect's 95 % interval over members."""
     high: float | None = None
     p: float | None = None
     """One-sided, in the direction of the claim."""
@@ -52,7 +55,7 @@ class Outcome:
     note: str = ""
 
 
-def trend(scores: ArrayLike, direction: Direction, seed: int = 0) -> Outcome:
+def trend(scores: ArrayLike, direction: Direction, statistic: Statistic = "mean") -> Outcome:
     """Test whether scores fall (or rise) along the settings: Page's trend test, members ranked within themselves.
 
     With two settings there is no trend to order, and the test is the signed-rank test of the two.
@@ -60,7 +63,7 @@ def trend(scores: ArrayLike, direction: Direction, seed: int = 0) -> Outcome:
     Args:
         scores: `[M, S]`, S settings in ascending order.
         direction: what the claim says the scores do from the first setting to the last.
-        seed: of the bootstrap.
+        statistic: what of the members' differences is the effect.
 
     Returns:
         The outcome; its effect is last setting minus first, whatever the direction.
@@ -70,51 +73,51 @@ def trend(scores: ArrayLike, direction: Direction, seed: int = 0) -> Outcome:
         return undecided("Page's trend test", len(matrix), "needs at least two settings")
     difference = matrix[:, -1] - matrix[:, 0]
     if matrix.shape[1] == 2:
-        return _signed_rank(difference, "greater" if direction == "rises" else "less", seed)
+        return _signed_rank(difference, "higher" if direction == "rises" else "lower", statistic)
     test = "Page's trend test"
     if problem := _problem(matrix):
-        return undecided(test, len(matrix), problem, _mean(difference))
+        return undecided(test, len(matrix), problem, _center(difference, statistic))
     if np.all(matrix == matrix[:, :1]):
         return undecided(test, len(matrix), "all settings score the same", 0.0)
     rises = float(stats.page_trend_test(matrix).pvalue)  # its alternative: scores rise along the columns
     falls = float(stats.page_trend_test(matrix[:, ::-1]).pvalue)
     p, p_opposite = (rises, falls) if direction == "rises" else (falls, rises)
-    low, high = interval(difference, seed)
-    return Outcome(test, len(matrix), verdict(p, p_opposite), _mean(difference), low, high, p, p_opposite)
+    effect, low, high = _effect(difference, statistic)
+    return Outcome(test, len(matrix), verdict(p, p_opposite), effect, low, high, p, p_opposite)
 
 
-def lower(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Outcome:
-    """Test whether the first scores are lower than the second: Wilcoxon's signed-rank test, paired by member.
+def paired(first: ArrayLike, second: ArrayLike, order: Order, statistic: Statistic = "mean") -> Outcome:
+    """Test whether the first scores are lower (or higher) than the second: Wilcoxon's signed-rank test.
 
     Args:
-        first: `[M]`, the scores that the claim says are lower.
+        first: `[M]`.
         second: `[M]`, in the same order of members.
-        seed: of the bootstrap.
+        order: what the claim says of the first.
+        statistic: what of the members' differences is the effect.
 
     Returns:
-        The outcome; its effect is first minus second, so negative where the claim is right.
+        The outcome; its effect is first minus second, so its sign is the claim's where the claim is right.
     """
-    return _signed_rank(np.asarray(first, dtype=float) - np.asarray(second, dtype=float), "less", seed)
+    return _signed_rank(np.asarray(first, dtype=float) - np.asarray(second, dtype=float), order, statistic)
 
 
-def same(first: ArrayLike, second: ArrayLike, margin: float, seed: int = 0) -> Outcome:
+def same(first: ArrayLike, second: ArrayLike, margin: float) -> Outcome:
     """Test whether two scores are the same up to a margin (`equivalence`), paired by member.
 
     Args:
         first: `[M]`.
         second: `[M]`, in the same order of members.
         margin: largest difference that would not matter.
-        seed: of the bootstrap.
 
     Returns:
         The outcome; its effect is first minus second.
     """
     difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
     test = f"95 % interval within ±{margin:g}"
-    return _by_interval(test, difference, lambda low, high: equivalence(low, high, margin), seed)
+    return _by_interval(test, difference, lambda low, high: equivalence(low, high, margin))
 
 
-def at_least(scores: ArrayLike, level: float, seed: int = 0) -> Outcome:
+def at_least(scores: ArrayLike, level: float) -> Outcome:
     """Test whether the mean over members of scores `[M]` is `level` or more; it is the outcome's effect.
 
     The claim holds when the whole 95 % interval is, does not hold when none of it is, and is else not decided.
@@ -125,10 +128,10 @@ def at_least(scores: ArrayLike, level: float, seed: int = 0) -> Outcome:
             return Verdict.HOLDS
         return Verdict.DOES_NOT_HOLD if high < level else Verdict.NOT_DECIDED
 
-    return _by_interval(f"95 % interval from {level:g} up", np.asarray(scores, dtype=float), decide, seed)
+    return _by_interval(f"95 % interval from {level:g} up", np.asarray(scores, dtype=float), decide)
 
 
-def below(scores: ArrayLike, level: float, seed: int = 0) -> Outcome:
+def below(scores: ArrayLike, level: float) -> Outcome:
     """Test whether the mean over members of scores `[M]` is less than `level`; decided as `at_least` is."""
 
     def decide(low: float, high: float) -> Verdict:
@@ -136,7 +139,7 @@ def below(scores: ArrayLike, level: float, seed: int = 0) -> Outcome:
             return Verdict.HOLDS
         return Verdict.DOES_NOT_HOLD if low >= level else Verdict.NOT_DECIDED
 
-    return _by_interval(f"95 % interval below {level:g}", np.asarray(scores, dtype=float), decide, seed)
+    return _by_interval(f"95 % interval below {level:g}", np.asarray(scores, dtype=float), decide)
 
 
 def everywhere(each: Sequence[Outcome], mean: Outcome) -> Outcome:
@@ -195,16 +198,16 @@ def undecided(test: str, members: int, note: str, effect: float | None = None) -
     return Outcome(test, members, Verdict.NOT_DECIDED, effect, note=note)
 
 
-def _signed_rank(difference: Scores, alternative: Literal["less", "greater"], seed: int) -> Outcome:
+def _signed_rank(difference: Scores, order: Order, statistic: Statistic) -> Outcome:
     test = "Wilcoxon signed-rank"
     if problem := _problem(difference):
-        return undecided(test, len(difference), problem, _mean(difference))
+        return undecided(test, len(difference), problem, _center(difference, statistic))
     if not difference.any():
         return undecided(test, len(difference), "all differences are zero", 0.0)
     less, greater = _signed_rank_p(difference)
-    p, p_opposite = (less, greater) if alternative == "less" else (greater, less)
-    low, high = interval(difference, seed)
-    return Outcome(test, len(difference), verdict(p, p_opposite), _mean(difference), low, high, p, p_opposite)
+    p, p_opposite = (less, greater) if order == "lower" else (greater, less)
+    effect, low, high = _effect(difference, statistic)
+    return Outcome(test, len(difference), verdict(p, p_opposite), effect, low, high, p, p_opposite)
 
 
 def _signed_rank_p(difference: Scores) -> tuple[float, float]:
@@ -223,11 +226,11 @@ def _signed_rank_p(difference: Scores) -> tuple[float, float]:
     return min(float(less), 1.0), min(float(greater), 1.0)
 
 
-def _by_interval(test: str, scores: Scores, decide: Callable[[float, float], Verdict], seed: int) -> Outcome:
+def _by_interval(test: str, scores: Scores, decide: Callable[[float, float], Verdict]) -> Outcome:
     if problem := _problem(scores):
-        return undecided(test, len(scores), problem, _mean(scores))
-    low, high = interval(scores, seed)
-    return Outcome(test, len(scores), decide(low, high), _mean(scores), low, high)
+        return undecided(test, len(scores), problem, _center(scores, "mean"))
+    low, high = interval(scores)
+    return Outcome(test, len(scores), decide(low, high), _center(scores, "mean"), low, high)
 
 
 def _problem(scores: Scores) -> str:
@@ -238,6 +241,20 @@ def _problem(scores: Scores) -> str:
     return f"needs at least {MIN_MEMBERS} members" if len(scores) < MIN_MEMBERS else ""
 
 
-def _mean(values: Scores) -> float | None:
-    """Mean, or None where it is not a finite number."""
-    return float(values.mean()) if len(values) and np.isfinite(values).all() else None
+def _effect(difference: Scores, statistic: Statistic) -> tuple[float | None, float | None, float | None]:
+    """The mean or the median over members, and its interval: bootstrapped, or exact from the order of the members.
+
+    Fewer than 6 members have no 95 % interval of a median.
+    """
+    if statistic == "mean":
+        return _center(difference, statistic), *interval(difference)
+    ends = stats.quantile_test(difference, p=0.5).confidence_interval(0.95)
+    low, high = (float(end) if np.isfinite(end) else None for end in (ends.low, ends.high))
+    return _center(difference, statistic), low, high
+
+
+def _center(values: Scores, statistic: Statistic) -> float | None:
+    """Mean or median, or None where it is not a finite number."""
+    if not len(values) or not np.isfinite(values).all():
+        return None
+    return float(np.mean(values) if statistic == "mean" else np.median(values))

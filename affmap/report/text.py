@@ -32,11 +32,6 @@ def listed(words: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else NOTHING
 
 
-def metric_name(metric: str) -> str:
-    """A column of the tables as a reader's words."""
-    return metric.replace("_", " ").replace("nll", "NLL")
-
-
 def points(markdown: str) -> list[tuple[str, str]]:
     """The items of a Markdown list whose items begin with a bold title: title and text of each."""
     items = []

@@ -1,7 +1,7 @@
 """The paper's claims, and their scores as tables: pure functions of the results.
 
-What is tested, and what decides, was written down before there were results; nothing here depends on what the verdicts
-turn out to be.
+What is tested, and what decides, was written down before there were results, but for what `deviations.md` names under
+"Tests".
 """
 
 import math
@@ -10,12 +10,13 @@ from collections.abc import Sequence
 import pandas as pd
 
 from affmap.report.claims import experiment1, experiment2, experiment3, experiment4, experiment5
-from affmap.report.claims.parts import METRICS, Claim, Part, Score
+from affmap.report.claims.parts import Claim, Part, Score
+from affmap.report.metrics import METRICS
 from affmap.report.records import PLANNERS
-from affmap.report.settings import Metric, ReportSettings
+from affmap.report.settings import MetricName, ReportSettings
 from affmap.report.tables import Results
 
-__all__ = ["CLAIMS", "COLUMNS", "METRICS", "Claim", "Part", "Score", "as_table", "medians", "score"]
+__all__ = ["CLAIMS", "COLUMNS", "Claim", "Part", "Score", "as_table", "medians", "score"]
 
 CLAIMS: dict[str, tuple[Claim, ...]] = {
     "exp1": experiment1.CLAIMS,
@@ -87,7 +88,7 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
     losses = results.last_epoch.assign(planner="")
     if losses["layout"].nunique() == 1:
         losses["layout"] = ""
-    metrics: list[Metric] = ["validation_nll", "prediction_error", settings.outcome]
+    metrics: list[MetricName] = ["validation_nll", "prediction_error", settings.outcome]
     tables = [_centers(losses if metric == "validation_nll" else results.runs, metric) for metric in metrics]
     table = pd.concat(tables, ignore_index=True).replace({"planner": PLANNERS})
     axes = table["metric"].map(lambda metric: settings.axes.get(metric, (math.nan, math.nan)))
@@ -97,10 +98,12 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
     return table
 
 
-def _centers(table: pd.DataFrame, metric: Metric) -> pd.DataFrame:
+def _centers(table: pd.DataFrame, metric: MetricName) -> pd.DataFrame:
     """One row per planner, layout and context size."""
     statistic = "mean" if metric == "success" else "median"
-    scores = table[metric].astype(float).groupby([table[key] for key in ("planner", "layout", "context_size")])
+    scores = (
+        table[metric].astype(float).groupby([table[key] for key in ("planner", "layout", "context_size")], sort=False)
+    )
     found = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
     columns = ["metric", "planner", "layout", "context_size", "number", "statistic", "center", "unit"]
-    return found.assign(metric=metric, statistic=statistic, unit=METRICS[metric])[columns]
+    return found.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]

@@ -26,11 +26,11 @@ from affmap.report.records import Circle, Floats, Maps, World
 OPPOSITE = {"left": "right", "right": "left", "lower": "upper", "upper": "lower"}
 
 Contrast = Callable[[Maps, World], tuple[Floats, Floats]]
-"""Of two distances `[M]`, of which the first is claimed to be smaller."""
+"""Of two distances `[M]`."""
 
 
 def obstacle_contrast(maps: Maps, world: World) -> tuple[Floats, Floats]:
-    """Distances to the free-space code, everywhere else and beside a surface (I-8a).
+    """Distances to the free-space code, beside a surface and everywhere else (I-8a).
 
     The free-space code is the mean over the nodes whose view shows nothing. A view that shows nothing is the same
     everywhere, so those codes do not differ among themselves; the claim that can fail is that codes beside a surface
@@ -41,7 +41,7 @@ def obstacle_contrast(maps: Maps, world: World) -> tuple[Floats, Floats]:
     """
     possible = reachable(maps.nodes, world)
     near = possible & beside(surface_distance(maps.nodes, world), world)
-    return _from_free_space(maps, world, possible & ~near, near)
+    return _from_free_space(maps, world, near, possible & ~near)
 
 
 def meaningless_trace(maps: Maps, world: World) -> tuple[Floats, Floats]:
@@ -115,31 +115,32 @@ def look_difference(maps: Maps, world: World) -> Floats:
     return np.concatenate(distances, axis=1).mean(axis=1) / scale(maps.codes, reachable(nodes, world))
 
 
-def separation(maps: Maps, world: World, first: str, second: str) -> tuple[Floats, Floats]:
-    """How far the codes of two kinds of places scatter, and how far the kinds are apart (IV-4).
+def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tuple[Floats, Floats]:
+    """How far a kind of place and other kinds are apart, and how far their codes scatter (IV-4, V-5).
 
-    Kinds are `free space` (the view shows nothing), the `border` (beside it) and `fog` (overlapping it); a view shows
-    no other kind. Codes also say in which direction a thing is, so a kind consists of groups: the four sides of the
-    border, the four sides of the fog that a node may be on. A mean over all sides would say nothing: if the codes of
+    Kinds are `free space` (the view shows nothing), the `border` (beside it) and circles by their effect (beside an
+    obstacle, overlapping any other); a view shows no other thing. Codes also say in which direction a thing is, so a
+    kind consists of groups: the four sides of the border, the four sides of circles that a node may be on. A mean over all sides would say nothing: if the codes of
     opposite sides were opposite, it would be the free-space code. To be nearer to the mean of one's own kind than to
     another mean would say little, either: a mean is nearest to its own points by definition. So the distance between
     means has to be larger than the scatter.
 
     Returns:
-        `[M]` and `[M]`: mean distance of a group's codes to the group's mean, of the kind that scatters more; and
-        distance of a group's mean to the nearest one of the other kind, of the kind that is nearer to the other;
+        `[M]` and `[M]`: distance of a group's mean to the nearest one of another kind, of the kind or the others,
+        whichever are nearer; and mean distance of a group's codes to the group's mean, of the kind that scatters most;
         averaged over the groups of a kind, in standard deviations of the member's own map. Empty where a kind has no
         node.
     """
     possible = reachable(maps.nodes, world)
-    kinds = [[group & possible for group in _groups(maps.nodes, world, kind)] for kind in (first, second)]
-    one, other = ([maps.codes[:, group] for group in groups if group.any()] for groups in kinds)
-    if not one or not other:
+    found = [[group & possible for group in _groups(maps.nodes, world, name)] for name in (kind, *others)]
+    one, *rest = ([maps.codes[:, group] for group in groups if group.any()] for groups in found)
+    if not one or not all(rest):
         return np.empty(0), np.empty(0)
     sd = scale(maps.codes, possible)
-    scatter = np.maximum(_scatter(one), _scatter(other))
-    apart = np.minimum(_nearest(one, other), _nearest(other, one))
-    return scatter / sd, apart / sd
+    everything_else = [codes for other in rest for codes in other]
+    apart = np.min([_nearest(one, everything_else), *(_nearest(other, one) for other in rest)], axis=0)
+    scatter = np.max([_scatter(codes) for codes in (one, *rest)], axis=0)
+    return apart / sd, scatter / sd
 
 
 def _groups(nodes: Floats, world: World, kind: str) -> list[Mask]:
@@ -148,16 +149,21 @@ def _groups(nodes: Floats, world: World, kind: str) -> list[Mask]:
         return [sees_only(nodes, world, ())]
     if kind == "border":
         return [_beside_border(nodes, world, side) for side in DIRECTIONS]
-    fog = [circle for circle in world.circles if circle.effect == "fog"]
-    return [_any([_in_fog(nodes, world, circle, side) for circle in fog], nodes) for side in DIRECTIONS]
+    circles = [circle for circle in world.circles if circle.effect == kind]
+    return [_any([_at(nodes, world, circle, side) for circle in circles], nodes) for side in DIRECTIONS]
 
 
-def _in_fog(nodes: Floats, world: World, circle: Circle, side: str) -> Mask:
-    """Nodes where the vehicle overlaps a fog circle and sees nothing else, in the quarter to one side of its centre."""
+def _at(nodes: Floats, world: World, circle: Circle, side: str) -> Mask:
+    """Nodes in the quarter to one side of a circle's centre where the vehicle sees nothing else.
+
+    It overlaps the circle, or is beside it where that is an obstacle.
+    """
     axis, sign = DIRECTIONS[side]
     offset = nodes - (circle.x, circle.y)
     quarter = sign * offset[..., axis] >= np.abs(offset[..., 1 - axis])
-    return quarter & (circle_distance(nodes, circle) < world.vehicle_radius) & sees_only(nodes, world, (circle,))
+    distance = circle_distance(nodes, circle)
+    near = beside(distance, world) if circle.effect == "obstacle" else distance < world.vehicle_radius
+    return quarter & near & sees_only(nodes, world, (circle,))
 
 
 def _scatter(groups: Sequence[Floats]) -> Floats:

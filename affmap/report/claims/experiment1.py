@@ -6,7 +6,7 @@ from affmap.report.claims import encoding, parts
 from affmap.report.claims.encoding import Contrast
 from affmap.report.claims.parts import Claim, Pair, Part
 from affmap.report.records import PLANNERS
-from affmap.report.statistics import Direction
+from affmap.report.statistics import Direction, Order
 from affmap.report.tables import Results
 
 
@@ -16,34 +16,36 @@ def _control(results: Results, planner: str, metric: str, direction: Direction) 
 
 def _without_context(results: Results) -> list[Part]:
     runs = results.runs.query("context_size == 0")
-    outcome = parts.lower(runs, "mean_distance", Pair("planner", "gradient", "cem"))
+    outcome = parts.paired(runs, "mean_distance", Pair("planner", "gradient", "cem"), "lower")
     return [Part("", "GB minus EB at C = 0", "u", outcome)]
 
 
 def _with_context(results: Results) -> list[Part]:
     runs = results.runs.query("context_size > 0")
-    outcome = parts.lower_with_sizes(runs, "mean_distance", Pair("planner", "cem", "gradient"))
+    outcome = parts.paired(runs, "mean_distance", Pair("planner", "cem", "gradient"), "lower")
     return [Part("", "EB minus GB, mean over C > 0", "u", outcome)]
 
 
 def _encoding(results: Results) -> list[Part]:
     painted = parts.largest_maps(results)
     found: list[Part] = []
-    for name, (statement, effect_of, contrast) in _CONTRASTS.items():
-        found += parts.encoded(painted, contrast, name, effect_of, statement)
+    for name, (statement, effect_of, contrast, order) in _CONTRASTS.items():
+        found += parts.encoded(painted, contrast, order, name, effect_of, statement)
     return found
 
 
-_CONTRASTS: dict[str, tuple[str, str, Contrast]] = {
+_CONTRASTS: dict[str, tuple[str, str, Contrast, Order]] = {
     "a": (
         "Codes beside a surface are farther from the free-space code than codes elsewhere.",
-        "distance to the free-space code, elsewhere minus beside",
+        "distance to the free-space code, beside minus elsewhere",
         encoding.obstacle_contrast,
+        "higher",
     ),
     "b": (
         "Codes beside an obstacle's side are nearer to those beside the border side that blocks the same direction.",
         "distance to the matching minus to the other border sides",
         encoding.side_match,
+        "lower",
     ),
 }
 

@@ -3,7 +3,9 @@
 from functools import partial
 
 from affmap.report.claims import parts
-from affmap.report.claims.parts import METRICS, Claim, Pair, Part
+from affmap.report.claims.parts import Claim, Pair, Part
+from affmap.report.metrics import METRICS
+from affmap.report.statistics import Order
 from affmap.report.tables import Results
 
 ORIGINAL, TWO, TWELVE = "original", "two_obstacles", "twelve_obstacles"
@@ -21,7 +23,7 @@ def _falls(results: Results, metric: str) -> list[Part]:
             "falls",
             f"EB in the world with {called}",
             part,
-            f"{called}: the {metric.replace('_', ' ')} falls with the context size.",
+            f"{called}: the {METRICS[metric].name} falls with the context size.",
         )
         for part, (layout, called) in NEW.items()
     ]
@@ -29,18 +31,16 @@ def _falls(results: Results, metric: str) -> list[Part]:
 
 def _distances(results: Results) -> list[Part]:
     runs = parts.flown(results)
+    orders: dict[str, tuple[Order, str]] = {"a": ("higher", "larger"), "b": ("lower", "smaller")}
     return [
         Part(
-            name,
-            f"{lower.replace('_', ' ')} minus {higher.replace('_', ' ')}, mean over context sizes",
-            METRICS["mean_distance"],
-            parts.lower_with_sizes(runs, "mean_distance", Pair("layout", lower, higher)),
-            statement,
+            part,
+            f"{called} minus original, mean over context sizes",
+            METRICS["mean_distance"].unit,
+            parts.paired(runs, "mean_distance", Pair("layout", layout, ORIGINAL), orders[part][0]),
+            f"The mean distance with {called} is {orders[part][1]} than in the original world.",
         )
-        for name, lower, higher, statement in (
-            ("a", ORIGINAL, TWO, "The mean distance with 2 obstacles is larger than in the original world."),
-            ("b", TWELVE, ORIGINAL, "The mean distance with 12 obstacles is smaller than in the original world."),
-        )
+        for part, (layout, called) in NEW.items()
     ]
 
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from affmap.report import statistics
 from affmap.report.claims import encoding, parts
-from affmap.report.claims.parts import METRICS, NO_CONTEXT, NOWHERE, Claim, Pair, Part
+from affmap.report.claims.parts import NO_CONTEXT, NOWHERE, Claim, Pair, Part
+from affmap.report.metrics import METRICS
 from affmap.report.records import Floats
 from affmap.report.statistics import Outcome
 from affmap.report.tables import Results
@@ -12,8 +13,8 @@ from affmap.report.tables import Results
 EASY, HARD = "original", "three_looks"
 """Layouts."""
 
-MARGINS = {"validation_nll": ("loss", 0.5), "prediction_error": ("error", 0.5), "mean_distance": ("distance", 0.05)}
-"""Metric -> part, and the difference that would not matter: small against those between context sizes."""
+COMPARED = {"validation_nll": "loss", "prediction_error": "error", "mean_distance": "distance"}
+"""Metric -> part."""
 
 TRACE = 0.1
 """Share of an obstacle's distance from the free-space code; meaningless circles with less leave no trace."""
@@ -22,12 +23,15 @@ TRACE = 0.1
 def _no_difference(results: Results) -> list[Part]:
     """The paper finds no significant difference; that alone could be lack of data, so equivalence is tested."""
     found = []
-    for metric, (name, margin) in MARGINS.items():
+    for metric, name in COMPARED.items():
+        margin = METRICS[metric].margin
+        assert margin is not None
         table = results.last_epoch if metric == "validation_nll" else parts.flown(results)
         table = table[table["context_size"] > 0]  # without a context both are the same model
         outcome = parts.same(table, metric, Pair("layout", HARD, EASY), margin)
-        says = f"The {parts.named(metric)} is the same in both, up to {margin:g} {METRICS[metric]}."
-        found.append(Part(name, "hard minus easy, mean over C > 0", METRICS[metric], outcome, says))
+        named, unit = METRICS[metric].name, METRICS[metric].unit
+        says = f"On average over the context sizes the {named} is the same in both, up to {margin:g} {unit}."
+        found.append(Part(name, "hard minus easy, mean over C > 0", unit, outcome, says))
     return found
 
 
@@ -38,7 +42,7 @@ def _no_trace(results: Results) -> list[Part]:
         size, maps, world = painted
         trained, untrained = (_ratio(*encoding.meaningless_trace(codes, world)) for codes in (maps, maps.untrained))
         outcome = statistics.below(trained, TRACE) if len(trained) else NOWHERE
-        learned = statistics.lower(trained, untrained) if len(trained) else NOWHERE
+        learned = statistics.paired(trained, untrained, "lower") if len(trained) else NOWHERE
     ratio = "distance to the free-space code, beside or in meaningless circles relative to beside obstacles"
     says = f"Meaningless circles are less than {TRACE:g} times as far from the free-space code as obstacles."
     again = "Meaningless circles are nearer to the free-space code than in the same member's map before training."
@@ -76,7 +80,7 @@ def _growth(results: Results) -> tuple[str, Outcome, Outcome]:
     if not len(last):
         return epochs, NOWHERE, NOWHERE
     trend = statistics.trend(np.stack(list(after.values()), axis=1), "falls")
-    return epochs, trend, statistics.lower(last, encoding.look_difference(maps.untrained, world))
+    return epochs, trend, statistics.paired(last, encoding.look_difference(maps.untrained, world), "lower")
 
 
 CLAIMS = (

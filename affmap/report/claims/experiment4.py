@@ -7,7 +7,8 @@ import pandas as pd
 
 from affmap.report import statistics
 from affmap.report.claims import encoding, parts
-from affmap.report.claims.parts import METRICS, Claim, Part
+from affmap.report.claims.parts import Claim, Part
+from affmap.report.metrics import METRICS
 from affmap.report.statistics import Outcome
 from affmap.report.tables import Results, score_matrix
 from affmap.report.text import number
@@ -32,11 +33,12 @@ def _with_minus_without(table: pd.DataFrame, metric: str) -> Part:
     else:
         scores = score_matrix(table, metric)
         without = scores[0].to_numpy(float)
-        each = {size: statistics.lower(scores[size].to_numpy(float), without) for size in sizes}
-        notes = [f"C = {size}: {parts.short(outcome, METRICS[metric])}" for size, outcome in each.items()]
+        effect = METRICS[metric].effect
+        each = {size: statistics.paired(scores[size].to_numpy(float), without, "lower", effect) for size in sizes}
+        notes = [f"C = {size}: {parts.short(outcome, METRICS[metric].unit)}" for size, outcome in each.items()]
         mean = scores[sizes].to_numpy(float).mean(axis=1)
-        outcome = parts.with_note(statistics.lower(mean, without), notes)
-    return Part("", "mean over C > 0 minus C = 0", METRICS[metric], outcome)
+        outcome = parts.with_note(statistics.paired(mean, without, "lower", effect), notes)
+    return Part("", "mean over C > 0 minus C = 0", METRICS[metric].unit, outcome)
 
 
 def _success(results: Results) -> list[Part]:
@@ -44,7 +46,7 @@ def _success(results: Results) -> list[Part]:
     outcome = _at_least(runs[runs["context_size"] > 0])
     shares = runs.groupby("context_size")["success"].mean()
     notes = [f"C = {size}: {number(share)}" for size, share in shares.items()]
-    return [Part("", "mean over C > 0", METRICS["success"], parts.with_note(outcome, notes))]
+    return [Part("", "mean over C > 0", METRICS["success"].unit, parts.with_note(outcome, notes))]
 
 
 def _at_least(runs: pd.DataFrame) -> Outcome:
@@ -57,10 +59,10 @@ def _kinds(results: Results) -> list[Part]:
     pairs = {"a": ("free space", "border"), "b": ("free space", "fog"), "c": ("border", "fog")}
     found: list[Part] = []
     for name, (first, second) in pairs.items():
-        contrast = partial(encoding.separation, first=first, second=second)
+        contrast = partial(encoding.separation, kind=first, others=[second])
         says = f"The codes of {first} and of {second} are farther apart than the codes of either scatter."
-        effect_of = f"scatter of codes minus distance between {first} and {second}"
-        found += parts.encoded(painted, contrast, name, effect_of, says)
+        effect_of = f"distance between {first} and {second} minus scatter of codes"
+        found += parts.encoded(painted, contrast, "higher", name, effect_of, says)
     return found
 
 

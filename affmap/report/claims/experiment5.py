@@ -1,15 +1,23 @@
 """The claims of Experiment V, disentanglement: trained in four worlds of one property, flown in random ones of all."""
 
+from functools import partial
+
 import numpy as np
 
+from affmap.effects import EFFECTS
 from affmap.report import statistics
-from affmap.report.claims import parts
-from affmap.report.claims.parts import METRICS, Claim, Pair, Part
+from affmap.report.claims import encoding, parts
+from affmap.report.claims.parts import Claim, Pair, Part
+from affmap.report.metrics import METRICS
+from affmap.report.statistics import Order
 from affmap.report.tables import Results, score_matrix
 from affmap.report.text import number
 
 EASY, HARD = "procedural_easy", "procedural_hard"
 """Layouts."""
+
+KINDS = ("obstacle", "fog", "force_up", "force_down")
+"""Effects."""
 
 NEARLY_ALWAYS = 0.9
 """Share of runs. The paper says "nearly all the time": at most one in ten fails."""
@@ -17,15 +25,16 @@ NEARLY_ALWAYS = 0.9
 
 def _easy_beats_hard(results: Results) -> list[Part]:
     runs = parts.flown(results)
-    more = parts.lower_at_every_size(runs, "success", Pair("layout", HARD, EASY))
-    less = parts.lower_at_every_size(runs, "prediction_error", Pair("layout", EASY, HARD))
-    over = "mean over context sizes (p and verdict: of all of them)"
-    return [
-        Part("success", f"hard minus easy, {over}", METRICS["success"], more, "More runs succeed in easy worlds."),
-        Part(
-            "error", f"easy minus hard, {over}", METRICS["prediction_error"], less, "Errors are smaller in easy worlds."
-        ),
-    ]
+    found = []
+    compared: dict[str, tuple[str, Order, str]] = {
+        "success": ("success", "higher", "More runs succeed in easy worlds."),
+        "error": ("prediction_error", "lower", "Errors are smaller in easy worlds."),
+    }
+    for name, (metric, order, says) in compared.items():
+        outcome = parts.paired_at_every_size(runs, metric, Pair("layout", EASY, HARD), order)
+        effect_of = "easy minus hard, mean over context sizes (p and verdict: of all of them)"
+        found.append(Part(name, effect_of, METRICS[metric].unit, outcome, says))
+    return found
 
 
 def _improves(results: Results) -> list[Part]:
@@ -48,11 +57,25 @@ def _nearly_always(results: Results) -> list[Part]:
     shares = score_matrix(runs, "success").to_numpy(float)[:, 0] if len(runs) else np.empty(0)
     outcome = statistics.at_least(shares, NEARLY_ALWAYS)
     if not len(runs):
-        return [Part("", "share at the largest C", METRICS["success"], outcome)]
+        return [Part("", "share at the largest C", METRICS["success"].unit, outcome)]
     ways = runs[runs["crossable"].astype(bool)]
     note = f"where a way is known to exist: {number(ways['success'].mean())} ({len(ways)} of {len(runs)} runs)"
     effect_of = f"share at C = {runs['context_size'].iloc[0]}"
-    return [Part("", effect_of, METRICS["success"], parts.with_note(outcome, [note]))]
+    return [Part("", effect_of, METRICS["success"].unit, parts.with_note(outcome, [note]))]
+
+
+def _distinct(results: Results) -> list[Part]:
+    """The paper says this of a figure, without a number."""
+    painted = parts.largest_maps(results)
+    found: list[Part] = []
+    for name, kind in zip("abcd", KINDS, strict=True):
+        others = ["free space", *(other for other in KINDS if other != kind)]
+        contrast = partial(encoding.separation, kind=kind, others=others)
+        label = EFFECTS[kind].label
+        says = f"The codes of places with the property “{label}” are farther from all others than codes scatter."
+        effect_of = f"distance between “{label}” and the nearest other minus scatter of codes"
+        found += parts.encoded(painted, contrast, "higher", name, effect_of, says)
+    return found
 
 
 CLAIMS = (
@@ -64,4 +87,5 @@ CLAIMS = (
         f"With the largest context, runs in easy worlds succeed nearly always: at least {NEARLY_ALWAYS:g} of them.",
         _nearly_always,
     ),
+    Claim("V-5", "The map of a world with all properties encodes each of them differently.", _distinct),
 )

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from affmap.report import statistics
 from affmap.report.claims.encoding import Contrast
+from affmap.report.metrics import METRICS
 from affmap.report.records import Floats, Maps, World
-from affmap.report.statistics import Direction, Outcome, Verdict
+from affmap.report.statistics import Direction, Order, Outcome, Verdict
 from affmap.report.tables import Results, score_matrix
 from affmap.report.text import number, p_value
-
-METRICS = {"validation_nll": "nats", "prediction_error": "nats", "mean_distance": "u", "success": "share"}
-"""Metric -> unit. `success`: 1 for a run that reached the goal and never was in fog."""
 
 SIGNED_RANK, TREND = "Wilcoxon signed-rank", "Page's trend test"
 
@@ -96,26 +94,29 @@ def trend(table: pd.DataFrame, metric: str, direction: Direction, who: str, name
     """Test a trend over the context sizes in `table`; `who` is missing where it is empty."""
     if table.empty:
         outcome = statistics.undecided(TREND, 0, f"{who} was not run")
-        return Part(name, "context sizes", METRICS[metric], outcome, says)
+        return Part(name, "context sizes", METRICS[metric].unit, outcome, says)
     matrix = score_matrix(table, metric)
     effect_of = f"C = {matrix.columns[-1]} minus C = {matrix.columns[0]}"
-    return Part(name, effect_of, METRICS[metric], statistics.trend(matrix.to_numpy(), direction), says)
+    outcome = statistics.trend(matrix.to_numpy(), direction, METRICS[metric].effect)
+    return Part(name, effect_of, METRICS[metric].unit, outcome, says)
 
 
-def lower(table: pd.DataFrame, metric: str, pair: Pair) -> Outcome:
-    """Test whether the first setting of a pair scores lower than the second, on average over the context sizes."""
-    return _on_average(*_paired(table, metric, pair), pair, statistics.lower)
+def paired(table: pd.DataFrame, metric: str, pair: Pair, order: Order) -> Outcome:
+    """Test whether the first setting of a pair scores lower (or higher), on average over the context sizes.
+
+    Where there are several sizes, the note has each of them.
+    """
+    return _with_sizes(table, metric, pair, _test(metric, order))[0]
 
 
-def lower_with_sizes(table: pd.DataFrame, metric: str, pair: Pair) -> Outcome:
-    """The same; its note also says what each context size alone says."""
-    return _with_sizes(table, metric, pair, statistics.lower)[0]
-
-
-def lower_at_every_size(table: pd.DataFrame, metric: str, pair: Pair) -> Outcome:
-    """Test whether the first setting scores lower than the second at each context size."""
-    mean, each = _with_sizes(table, metric, pair, statistics.lower)
+def paired_at_every_size(table: pd.DataFrame, metric: str, pair: Pair, order: Order) -> Outcome:
+    """Test whether the first setting scores lower (or higher) than the second at each context size."""
+    mean, each = _with_sizes(table, metric, pair, _test(metric, order))
     return statistics.everywhere(each, mean)
+
+
+def _test(metric: str, order: Order) -> Test:
+    return lambda first, second: statistics.paired(first, second, order, METRICS[metric].effect)
 
 
 def same(table: pd.DataFrame, metric: str, pair: Pair, margin: float) -> Outcome:
@@ -126,11 +127,6 @@ def same(table: pd.DataFrame, metric: str, pair: Pair, margin: float) -> Outcome
 def loss_falls(results: Results) -> list[Part]:
     """Test whether the validation loss of the last epoch, whose weights control uses, falls with the context size."""
     return [trend(results.last_epoch, "validation_nll", "falls", "a training")]
-
-
-def named(metric: str) -> str:
-    """A metric in a sentence."""
-    return metric.replace("_nll", " loss").replace("_", " ")
 
 
 def largest_maps(results: Results, layout: str | None = None) -> Painted | None:
@@ -144,12 +140,14 @@ def largest_maps(results: Results, layout: str | None = None) -> Painted | None:
     return Painted(size, painted[size], results.map_world(job))
 
 
-def encoded(painted: Painted | None, contrast: Contrast, name: str, effect_of: str, statement: str) -> list[Part]:
+def encoded(
+    painted: Painted | None, contrast: Contrast, order: Order, name: str, effect_of: str, statement: str
+) -> list[Part]:
     """Two parts: a contrast between distances in trained maps, and whether it is more than in untrained ones."""
     size, outcome, learned = 0, NO_CONTEXT, NO_CONTEXT
     if painted is not None:
         size, maps, world = painted
-        outcome, learned = contrasts(contrast(maps, world), contrast(maps.untrained, world))
+        outcome, learned = contrasts(contrast(maps, world), contrast(maps.untrained, world), order)
     again = f"{statement.removesuffix('.')}: more so than in the same member's map before training."
     return [
         Part(name, f"{effect_of}, C = {size}", "sd", outcome, statement),
@@ -157,14 +155,17 @@ def encoded(painted: Painted | None, contrast: Contrast, name: str, effect_of: s
     ]
 
 
-def contrasts(trained: tuple[Floats, Floats], untrained: tuple[Floats, Floats]) -> tuple[Outcome, Outcome]:
-    """Test whether the first distance `[M]` is smaller than the second after training, and by more than before it.
+def contrasts(
+    trained: tuple[Floats, Floats], untrained: tuple[Floats, Floats], order: Order
+) -> tuple[Outcome, Outcome]:
+    """Test whether the first distance `[M]` is the lower (or higher) after training, and by more than before it.
 
     Similar pictures have similar codes in an untrained network, too; only the second test shows what was learned.
     """
     if not len(trained[0]):
         return NOWHERE, NOWHERE
-    return statistics.lower(*trained), statistics.lower(trained[0] - trained[1], untrained[0] - untrained[1])
+    after, before = trained[0] - trained[1], untrained[0] - untrained[1]
+    return statistics.paired(*trained, order), statistics.paired(after, before, order)
 
 
 def with_note(outcome: Outcome, notes: Sequence[str]) -> Outcome:
@@ -201,5 +202,5 @@ def _with_sizes(table: pd.DataFrame, metric: str, pair: Pair, test: Test) -> tup
     """The outcome on average over the context sizes, with a note about each, and the outcomes of each."""
     first, second = _paired(table, metric, pair)
     each = {size: test(first[size].to_numpy(float), second[size].to_numpy(float)) for size in first}
-    notes = [f"C = {size}: {short(outcome, METRICS[metric])}" for size, outcome in each.items()]
+    notes = [f"C = {size}: {short(outcome, METRICS[metric].unit)}" for size, outcome in each.items() if len(each) > 1]
     return with_note(_on_average(first, second, pair, test), notes), list(each.values())
