@@ -82,8 +82,7 @@ def trend(scores: ArrayLike, direction: Direction, statistic: Statistic = "mean"
     rises = float(stats.page_trend_test(matrix).pvalue)  # its alternative: scores rise along the columns
     falls = float(stats.page_trend_test(matrix[:, ::-1]).pvalue)
     p, p_opposite = (rises, falls) if direction == "rises" else (falls, rises)
-    effect, low, high = _effect(difference, statistic)
-    return Outcome(test, len(matrix), verdict(p, p_opposite), effect, low, high, p, p_opposite)
+    return _directed(test, difference, statistic, p, p_opposite)
 
 
 def paired(first: ArrayLike, second: ArrayLike, order: Order, statistic: Statistic = "mean") -> Outcome:
@@ -206,8 +205,21 @@ def _signed_rank(difference: Scores, order: Order, statistic: Statistic) -> Outc
         return undecided(test, len(difference), "all differences are zero", 0.0)
     less, greater = _signed_rank_p(difference)
     p, p_opposite = (less, greater) if order == "lower" else (greater, less)
-    effect, low, high = _effect(difference, statistic)
-    return Outcome(test, len(difference), verdict(p, p_opposite), effect, low, high, p, p_opposite)
+    return _directed(test, difference, statistic, p, p_opposite)
+
+
+def _directed(test: str, difference: Scores, statistic: Statistic, p: float, p_opposite: float) -> Outcome:
+    """The outcome of a test of a direction; its interval is bootstrapped, or exact where the effect is a median."""
+    low: float | None
+    high: float | None
+    if statistic == "mean":
+        low, high = interval(difference)
+    else:
+        ends = np.asarray(stats.quantile_test(difference, p=0.5).confidence_interval(0.95))
+        low, high = (float(end) if np.isfinite(end) else None for end in ends)
+    note = "" if low is not None else "fewer than 6 members have no 95 % interval of a median"
+    effect = _center(difference, statistic)
+    return Outcome(test, len(difference), verdict(p, p_opposite), effect, low, high, p, p_opposite, note)
 
 
 def _signed_rank_p(difference: Scores) -> tuple[float, float]:
@@ -239,18 +251,6 @@ def _problem(scores: Scores) -> str:
     if bad:
         return f"{bad} of {len(scores)} members lack a finite score"
     return f"needs at least {MIN_MEMBERS} members" if len(scores) < MIN_MEMBERS else ""
-
-
-def _effect(difference: Scores, statistic: Statistic) -> tuple[float | None, float | None, float | None]:
-    """The mean or the median over members, and its interval: bootstrapped, or exact from the order of the members.
-
-    Fewer than 6 members have no 95 % interval of a median.
-    """
-    if statistic == "mean":
-        return _center(difference, statistic), *interval(difference)
-    ends = stats.quantile_test(difference, p=0.5).confidence_interval(0.95)
-    low, high = (float(end) if np.isfinite(end) else None for end in (ends.low, ends.high))
-    return _center(difference, statistic), low, high
 
 
 def _center(values: Scores, statistic: Statistic) -> float | None:

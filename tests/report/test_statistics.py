@@ -40,16 +40,17 @@ def test_a_trend_that_half_of_the_members_contradict_is_not_decided() -> None:
 
 def test_signed_rank_has_the_p_value_of_one_assignment_of_signs() -> None:
     """Six differences of one sign: 1 of 2 ** 6 assignments."""
-    outcome = statistics.lower(np.zeros(6), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    outcome = statistics.paired(np.zeros(6), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "lower")
     assert outcome.p == pytest.approx(2**-6)
     assert outcome.verdict == Verdict.HOLDS
     assert outcome.effect == -3.5
-    assert statistics.lower([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], np.zeros(6)).verdict == Verdict.DOES_NOT_HOLD
+    assert statistics.paired([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], np.zeros(6), "lower").verdict == Verdict.DOES_NOT_HOLD
+    assert statistics.paired([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], np.zeros(6), "higher").verdict == Verdict.HOLDS
 
 
 def test_two_settings_are_compared_by_the_signed_rank_test() -> None:
     trend = statistics.trend(FALLING[:, [0, 2]], "falls")
-    assert trend == statistics.lower(FALLING[:, 2], FALLING[:, 0])
+    assert trend == statistics.paired(FALLING[:, 2], FALLING[:, 0], "lower")
     assert trend.p == pytest.approx(2**-5)
 
 
@@ -96,21 +97,21 @@ def test_signed_rank_counts_all_assignments_of_signs(difference: list[float]) ->
     ranks = stats.rankdata(np.abs(nonzero))
     sums = [ranks[list(signs)].sum() for signs in itertools.product([False, True], repeat=len(nonzero))]
     positive = ranks[nonzero > 0].sum()
-    outcome = statistics.lower(difference, np.zeros(len(difference)))
+    outcome = statistics.paired(difference, np.zeros(len(difference)), "lower")
     assert outcome.p == pytest.approx(np.mean([total <= positive for total in sums]))
     assert outcome.p_opposite == pytest.approx(np.mean([total >= positive for total in sums]))
 
 
 def test_signed_rank_without_ties_is_scipys() -> None:
     difference = np.random.default_rng(3).normal(0.3, 1.0, size=25)
-    outcome = statistics.lower(difference, np.zeros(25))
+    outcome = statistics.paired(difference, np.zeros(25), "lower")
     assert outcome.p == pytest.approx(stats.wilcoxon(difference, alternative="less").pvalue)
     assert outcome.p_opposite == pytest.approx(stats.wilcoxon(difference, alternative="greater").pvalue)
 
 
 def test_four_members_among_ties_decide_nothing() -> None:
     """Four differences of one sign and 21 zeros: 1/16, whatever a normal approximation says."""
-    outcome = statistics.lower([-0.25] * 4 + [0.0] * 21, np.zeros(25))
+    outcome = statistics.paired([-0.25] * 4 + [0.0] * 21, np.zeros(25), "lower")
     assert (outcome.p, outcome.verdict) == (0.5**4, Verdict.NOT_DECIDED)
 
 
@@ -188,7 +189,8 @@ def test_no_scores_make_a_nan_or_a_warning(scores: np.ndarray) -> None:
             statistics.at_least(scores, 0.8),
             statistics.below(scores, 0.8),
             statistics.same(scores, np.zeros(len(scores)), 0.5),
-            statistics.lower(scores, np.zeros(len(scores))),
+            statistics.paired(scores, np.zeros(len(scores)), "lower"),
+            statistics.paired(scores, np.zeros(len(scores)), "higher", "median"),
         ]
     for outcome in outcomes:
         values = [outcome.effect, outcome.low, outcome.high, outcome.p, outcome.p_opposite]
@@ -204,6 +206,17 @@ def test_interval_is_near_the_closed_form_and_repeats() -> None:
     assert (low, high) == pytest.approx(expected, abs=0.02)
     assert statistics.interval(values) == (low, high)
     assert statistics.interval(np.full(9, 0.25)) == (0.25, 0.25)
+
+
+def test_the_interval_of_a_median_is_that_of_the_binomial_distribution() -> None:
+    """Of 25 members the 8th and the 18th (P(fewer than 8 of 25 below the median) = 0.0216), however far the last is."""
+    difference = np.arange(1.0, 26.0)
+    difference[-1] = 1e9
+    outcome = statistics.paired(difference, np.zeros(25), "higher", "median")
+    assert (outcome.effect, outcome.low, outcome.high) == (13.0, 8.0, 18.0)
+    assert statistics.paired(difference, np.zeros(25), "higher").effect == pytest.approx(difference.mean())
+    few = statistics.trend(FALLING, "falls", "median")
+    assert (few.effect, few.low, few.high) == (-2.0, None, None), "five members have no 95 % interval of a median"
 
 
 def test_a_claim_of_parts_holds_when_all_do() -> None:

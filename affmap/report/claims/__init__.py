@@ -90,7 +90,9 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
         losses["layout"] = ""
     metrics: list[MetricName] = ["validation_nll", "prediction_error", settings.outcome]
     tables = [_centers(losses if metric == "validation_nll" else results.runs, metric) for metric in metrics]
-    table = pd.concat(tables, ignore_index=True).replace({"planner": PLANNERS})
+    places = {layout: place for place, layout in enumerate(["", *results.layouts])}  # in the order of the figures
+    ordered = [each.sort_values("layout", key=lambda names: names.map(places), kind="stable") for each in tables]
+    table = pd.concat(ordered, ignore_index=True).replace({"planner": PLANNERS})
     axes = table["metric"].map(lambda metric: settings.axes.get(metric, (math.nan, math.nan)))
     table["paper_low"], table["paper_high"] = axes.str[0], axes.str[1]
     inside = table["center"].between(table["paper_low"], table["paper_high"])
@@ -101,9 +103,7 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
 def _centers(table: pd.DataFrame, metric: MetricName) -> pd.DataFrame:
     """One row per planner, layout and context size."""
     statistic = "mean" if metric == "success" else "median"
-    scores = (
-        table[metric].astype(float).groupby([table[key] for key in ("planner", "layout", "context_size")], sort=False)
-    )
+    scores = table[metric].astype(float).groupby([table[key] for key in ("planner", "layout", "context_size")])
     found = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
     columns = ["metric", "planner", "layout", "context_size", "number", "statistic", "center", "unit"]
     return found.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]

@@ -120,10 +120,10 @@ def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tu
 
     Kinds are `free space` (the view shows nothing), the `border` (beside it) and circles by their effect (beside an
     obstacle, overlapping any other); a view shows no other thing. Codes also say in which direction a thing is, so a
-    kind consists of groups: the four sides of the border, the four sides of circles that a node may be on. A mean over all sides would say nothing: if the codes of
-    opposite sides were opposite, it would be the free-space code. To be nearer to the mean of one's own kind than to
-    another mean would say little, either: a mean is nearest to its own points by definition. So the distance between
-    means has to be larger than the scatter.
+    kind consists of groups: the four sides of the border, the four sides of circles that a node may be on. A mean over
+    all sides would say nothing: if the codes of opposite sides were opposite, it would be the free-space code. To be
+    nearer to the mean of one's own kind than to another mean would say little, either: a mean is nearest to its own
+    points by definition. So the distance between means has to be larger than the scatter.
 
     Returns:
         `[M]` and `[M]`: distance of a group's mean to the nearest one of another kind, of the kind or the others,

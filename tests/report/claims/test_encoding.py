@@ -9,12 +9,14 @@ import pytest
 from affmap.report import statistics
 from affmap.report.claims import encoding
 from affmap.report.records import Circle, Maps, World
-from affmap.report.statistics import Verdict
+from affmap.report.statistics import Order, Verdict
 
 X, Y = np.arange(151) * 0.02, np.arange(101) * 0.02
 NODES = np.stack(np.meshgrid(X, Y), axis=-1)
 BLOCKED = {"right": (1, 0), "left": (-1, 0), "upper": (0, 1), "lower": (0, -1)}
 
+LOWER: Order = "lower"
+HIGHER: Order = "higher"
 LoadWorld = Callable[[str], World]
 
 
@@ -68,10 +70,10 @@ def near(circle: Circle) -> np.ndarray:
 
 def test_codes_that_point_at_surfaces_satisfy_both_parts(world: World) -> None:
     arrays = stack(blocked_direction_codes(world))
-    for compare in (encoding.obstacle_contrast, encoding.side_match):
-        smaller, larger = compare(arrays, world)
-        assert statistics.lower(smaller, larger).verdict == Verdict.HOLDS
-        assert np.ptp(smaller) < 1e-3 and np.ptp(larger) < 1e-3, "turning and scaling a member's codes changes nothing"
+    for compare, order in ((encoding.obstacle_contrast, HIGHER), (encoding.side_match, LOWER)):
+        first, second = compare(arrays, world)
+        assert statistics.paired(first, second, order).verdict == Verdict.HOLDS
+        assert np.ptp(first) < 1e-3 and np.ptp(second) < 1e-3, "turning and scaling a member's codes changes nothing"
 
 
 def test_matching_sides_by_hand(world: World) -> None:
@@ -87,14 +89,14 @@ def test_matching_sides_by_hand(world: World) -> None:
 
 def test_codes_that_point_away_from_obstacles_fail_the_second_part(world: World) -> None:
     arrays = stack(blocked_direction_codes(world, obstacle_sign=-1.0))
-    assert statistics.lower(*encoding.obstacle_contrast(arrays, world)).verdict == Verdict.HOLDS
-    assert statistics.lower(*encoding.side_match(arrays, world)).verdict == Verdict.DOES_NOT_HOLD
+    assert statistics.paired(*encoding.obstacle_contrast(arrays, world), HIGHER).verdict == Verdict.HOLDS
+    assert statistics.paired(*encoding.side_match(arrays, world), LOWER).verdict == Verdict.DOES_NOT_HOLD
 
 
 def test_a_constant_map_decides_nothing(world: World) -> None:
     codes = np.full((6, 101, 151, 3), np.float32(0.1))
     for compare in (encoding.obstacle_contrast, encoding.side_match):
-        outcome = statistics.lower(*compare(painted(codes), world))
+        outcome = statistics.paired(*compare(painted(codes), world), LOWER)
         assert outcome.verdict == Verdict.NOT_DECIDED
 
 
@@ -176,7 +178,7 @@ def kinds_of_codes(world: World, fog: tuple[float, float, float]) -> np.ndarray:
 
 def separations(maps: Maps, world: World) -> dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
     pairs = itertools.combinations(("free space", "border", "fog"), 2)
-    return {pair: encoding.separation(maps, world, *pair) for pair in pairs}
+    return {(kind, other): encoding.separation(maps, world, kind, [other]) for kind, other in pairs}
 
 
 def test_kinds_of_places_by_hand(load_world: LoadWorld) -> None:
@@ -185,7 +187,7 @@ def test_kinds_of_places_by_hand(load_world: LoadWorld) -> None:
     codes = kinds_of_codes(world, (0.0, 0.0, 1.0))
     expected = {("free space", "border"): 1.0, ("free space", "fog"): 1.0, ("border", "fog"): np.sqrt(2)}
     for pair, distance in expected.items():
-        scatter, apart = encoding.separation(stack(codes), world, *pair)
+        apart, scatter = encoding.separation(stack(codes), world, pair[0], [pair[1]])
         assert scatter == pytest.approx(np.zeros(6), abs=1e-6)
         assert apart == pytest.approx(np.full(6, distance / spread(codes, world)), rel=1e-5)
 
@@ -198,10 +200,10 @@ def test_scatter_is_that_of_the_kind_that_scatters_more(load_world: LoadWorld) -
     codes[..., 2] += np.where(codes[..., 2] > 0, turns, 0.0)
     found = separations(stack(codes), world)
     sd = spread(codes, world)
-    assert found["free space", "border"][0] == pytest.approx(np.zeros(6), abs=1e-6)
+    assert found["free space", "border"][1] == pytest.approx(np.zeros(6), abs=1e-6)
     for pair in (("free space", "fog"), ("border", "fog")):
-        assert found[pair][0] == pytest.approx(np.full(6, 1 / sd), rel=0.02), "columns in a quarter are not quite even"
-    assert found["free space", "fog"][1] == pytest.approx(np.full(6, 3 / sd), rel=0.02)
+        assert found[pair][1] == pytest.approx(np.full(6, 1 / sd), rel=0.02), "columns in a quarter are not quite even"
+    assert found["free space", "fog"][0] == pytest.approx(np.full(6, 3 / sd), rel=0.02)
 
 
 def test_fog_that_looks_like_a_side_of_the_border_is_not_apart_from_it(load_world: LoadWorld) -> None:
@@ -210,12 +212,32 @@ def test_fog_that_looks_like_a_side_of_the_border_is_not_apart_from_it(load_worl
     codes = kinds_of_codes(world, (1.0, 0.0, 0.0))
     noise = np.random.default_rng(0).normal(0, 0.05, size=codes.shape)
     found = separations(stack(codes + noise), world)
-    assert statistics.lower(*found["border", "fog"]).verdict == Verdict.DOES_NOT_HOLD
+    assert statistics.paired(*found["border", "fog"], HIGHER).verdict == Verdict.DOES_NOT_HOLD
     for pair in (("free space", "border"), ("free space", "fog")):
-        assert statistics.lower(*found[pair]).verdict == Verdict.HOLDS
+        assert statistics.paired(*found[pair], HIGHER).verdict == Verdict.HOLDS
 
 
 def test_without_fog_there_is_nothing_to_tell_apart(world: World) -> None:
     found = separations(stack(blocked_direction_codes(world)), world)
-    sizes = {pair: (len(scatter), len(apart)) for pair, (scatter, apart) in found.items()}
+    sizes = {pair: (len(apart), len(scatter)) for pair, (apart, scatter) in found.items()}
     assert sizes == {("free space", "border"): (6, 6), ("free space", "fog"): (0, 0), ("border", "fog"): (0, 0)}
+
+
+def test_several_kinds_are_told_from_the_nearest_other(load_world: LoadWorld) -> None:
+    """Codes are unit vectors of four properties: sqrt 2 from each other, but 1 from free space, which is 0.
+
+    Where two pulls have one code they are 0 apart, and the others as before.
+    """
+    world = load_world("four_properties")
+    kinds = ("obstacle", "fog", "force_up", "force_down")
+    codes = np.zeros((*NODES.shape[:2], 4))
+    for circle in world.circles:
+        codes[near(circle)] = np.eye(4)[kinds.index(circle.effect)]
+    alike = codes.copy()
+    alike[codes[..., 3] == 1] = np.eye(4)[2]
+    for values, expected in ((codes, (1.0, 1.0, 1.0, 1.0)), (alike, (1.0, 1.0, 0.0, 0.0))):
+        for kind, distance in zip(kinds, expected, strict=True):
+            others = ["free space", *(other for other in kinds if other != kind)]
+            apart, scatter = encoding.separation(stack(values), world, kind, others)
+            assert apart == pytest.approx(np.full(6, distance / spread(values, world)), rel=1e-5, abs=1e-6)
+            assert scatter == pytest.approx(np.zeros(6), abs=1e-6)
