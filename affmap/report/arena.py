@@ -26,6 +26,9 @@ NUM_DEVIATIONS = 3
 CELL = 0.1
 """u, side of the cells of heat maps."""
 
+FEW = 20
+"""Positions; so few say more one by one than as a heat map."""
+
 
 def paint(parts: Sequence[tuple[Maps, World]], index: int) -> list[Floats]:
     """Colour maps of one member in a common basis, fitted to all of them: `[Y, X, 3]` each.
@@ -129,17 +132,23 @@ def visits(ax: Axes, counts: Floats, free: Floats, world: World) -> Axes:
 
 
 def heat(ax: Axes, positions: Floats, world: World, outlined: bool) -> Axes:
-    """How many of the positions `[N, 2]` (u) lie in each cell of the arena; circles only where all runs have them."""
+    """How many of the positions `[N, 2]` (u) lie in each cell of the arena; circles only where all runs have them.
+
+    Few positions are drawn one by one.
+    """
     if outlined:
         _outlines(ax, world)
     if not len(positions):
+        return arena(ax, world)
+    if len(positions) < FEW:
+        ax.plot(*positions.T, "o", ms=3, mfc="none", mec="black")
         return arena(ax, world)
     bins = [np.linspace(0, side, round(side / CELL) + 1) for side in world.size]
     counts, _ = np.histogramdd(positions, bins=bins)  # [X, Y]
     extent = (0.0, world.size[0], 0.0, world.size[1])
     shown = np.ma.masked_less(counts.T, 1)
-    image = ax.imshow(shown, origin="lower", extent=extent, cmap="viridis_r", vmin=0, interpolation="nearest")
-    bar = ax.figure.colorbar(image, ax=ax, shrink=0.6)
+    image = ax.imshow(shown, origin="lower", extent=extent, cmap="viridis_r", vmin=1, interpolation="nearest")
+    bar = ax.figure.colorbar(image, ax=ax, shrink=0.6, label="runs")
     bar.locator = mpl.ticker.MaxNLocator(nbins=4, integer=True)
     bar.update_ticks()
     return arena(ax, world)

@@ -1,11 +1,14 @@
 """Why runs fail, and where: pure functions of the results."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from affmap.report.records import Floats, Job
+from affmap.effects import EFFECTS
+from affmap.report.maps import circle_distance, surface_distance
+from affmap.report.records import Floats, Job, World
 from affmap.report.tables import Results
 
 REASONS = {
@@ -14,6 +17,12 @@ REASONS = {
     "other": "never arrived: other",
 }
 """Reason -> its name. A run that touched fog counts there, also where it did not arrive."""
+
+
+SURFACE = "surface"
+
+NEAREST = {SURFACE: "obstacle or border", **{name: effect.label for name, effect in EFFECTS.items()}}
+"""What a vehicle can be nearest to -> its name; obstacles are surfaces."""
 
 
 class Places(NamedTuple):
@@ -46,15 +55,36 @@ def with_reasons(results: Results) -> pd.DataFrame:
     return runs.assign(reason=np.select(conditions, ["", "fog", "stuck"], "other"))
 
 
-def shares(runs: pd.DataFrame) -> pd.DataFrame:
-    """Share of the runs that failed for each reason: one row per context size, one column per key of `REASONS`."""
-    counts = runs.groupby("context_size")["reason"].value_counts(normalize=True).unstack(fill_value=0)
-    return counts.reindex(columns=list(REASONS), fill_value=0).astype(float)
+def shares(runs: pd.DataFrame, column: str, kinds: Iterable[str]) -> pd.DataFrame:
+    """Share of the runs with each of some values in a column: one row per context size, one column per value."""
+    counts = runs.groupby("context_size")[column].value_counts(normalize=True).unstack(fill_value=0)
+    return counts.reindex(columns=list(kinds), fill_value=0).astype(float)
+
+
+def with_nearest(results: Results, layout: str, planner: str) -> pd.DataFrame:
+    """Context size of each run, and what it was nearest to at its end: a key of `NEAREST`, or empty if it arrived."""
+    tables = []
+    for job in _jobs(results, layout, planner):
+        paths = results.trajectories(job)
+        ends = zip(paths.position[:, -1], results.worlds(job), np.any(paths.reached, axis=1), strict=True)
+        things = ["" if arrived else nearest(position, world) for position, world, arrived in ends]
+        tables.append(pd.DataFrame({"context_size": job.context_size, "nearest": things}))
+    return pd.concat(tables, ignore_index=True)
+
+
+def nearest(position: Floats, world: World) -> str:
+    """What is nearest to a place `[2]` (u), or lies around it deepest: a key of `NEAREST`."""
+    distances = {SURFACE: float(surface_distance(position, world))}
+    for circle in world.circles:
+        if circle.effect != "obstacle":
+            now = float(circle_distance(position, circle))
+            distances[circle.effect] = min(now, distances.get(circle.effect, now))
+    return min(distances, key=lambda thing: distances[thing])
 
 
 def places(results: Results, layout: str, planner: str) -> Places:
     """Where runs went wrong, over all context sizes above 0 (over 0 where no other was run)."""
-    found = [job for job in results.jobs if (job.layout, job.planner) == (layout, planner)]
+    found = _jobs(results, layout, planner)
     chosen = [job for job in found if job.context_size > 0] or found
     fog, ended = [], []
     for job in chosen:
@@ -64,3 +94,7 @@ def places(results: Results, layout: str, planner: str) -> Places:
         fog.append(paths.position[touched, first])
         ended.append(paths.position[~paths.reached.any(axis=1), -1])
     return Places(np.concatenate(fog), np.concatenate(ended))
+
+
+def _jobs(results: Results, layout: str, planner: str) -> list[Job]:
+    return [job for job in results.jobs if (job.layout, job.planner) == (layout, planner)]

@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
@@ -170,20 +171,27 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
         return None
     runs = failing.with_reasons(results)
     groups = make_groups(results, settings)
-    figure = new_figure(0.35 + 1.9 * len(groups.names))
+    figure = new_figure(0.5 + 1.9 * len(groups.names))
     rows = figure.subplots(len(groups.names), 3, squeeze=False, width_ratios=(1.0, 1.15, 1.15))
-    for (bars, fog, ended), (value, name) in zip(rows, groups.names.items(), strict=True):
-        panels.failures(bars, runs[runs[groups.column] == value])
+    for (bars, middle, ended), (value, name) in zip(rows, groups.names.items(), strict=True):
+        panels.reasons(bars, runs[runs[groups.column] == value])
         layout, planner = (value, results.planners[0]) if groups.column == "layout" else (results.layouts[0], value)
         found = failing.places(results, layout, planner)
         flown = results.worlds(next(job for job in results.jobs if (job.layout, job.planner) == (layout, planner)))
         outlined = len(set(flown)) == 1
-        arena.heat(fog, found.fog, flown[0], outlined)
+        if outlined:
+            arena.heat(middle, found.fog, flown[0], outlined)
+            middle.set_title(f"fog first touched ({len(found.fog)})", loc="left")
+        else:
+            panels.nearest(middle, failing.with_nearest(results, layout, planner))
+            middle.set_title("never arrived: nearest thing", loc="left")
         arena.heat(ended, found.ended, flown[0], outlined)
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
-        fog.set_title(f"fog first touched ({len(found.fog)})", loc="left")
-        ended.set_title(f"ended, never arrived ({len(found.ended)})", loc="left")
-    figure.legend(*rows[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+        ended.set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
+    entries: dict[str, Artist] = {}
+    for ax in rows[:, :2].ravel():
+        entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 

@@ -4,7 +4,7 @@ They know colours and labels, and neither files nor figures.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -15,15 +15,16 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.ticker import MaxNLocator
 
-from affmap.report import statistics
-from affmap.report.failures import REASONS, shares
+from affmap.effects import EFFECTS
+from affmap.report import failures, statistics
 from affmap.report.groups import PLANNER_COLORS, Groups
 from affmap.report.metrics import METRICS
+from affmap.report.text import number
 
 HUGE, LINEAR = 300, 20
 """nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
 
-REASON_COLORS = {"fog": "#6BAED6", "stuck": "#333333", "other": "#CC6677"}
+REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6677"}
 
 Span = tuple[float, float] | None
 """Lowest and highest tick of the paper's axis, marked by dotted lines; or None."""
@@ -61,7 +62,33 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None) -> A
     )
     ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
+    _focus(ax, validation, paper)
     return _legend_above(ax, 8 if len(sizes) <= 5 else 4)
+
+
+def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
+    """End the axis where curves with a context do, if one without rises far above them; say where that one ends."""
+    losses = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="mean")
+    spread = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="std")
+    sizes = [size for size in sorted(validation["context_size"].unique()) if size > 0]
+    if not sizes or 0 not in losses:
+        return
+    bands = [(losses[sizes] + sign * spread.reindex(columns=sizes).fillna(0.0)).to_numpy() for sign in (-1, 1)]
+    low, high = min([np.quantile(bands[0], 0.01), *(paper or ())]), max([np.quantile(bands[1], 0.99), *(paper or ())])
+    without = losses[0]
+    if without.max() < high + (high - low):
+        return
+    margin = 0.05 * (high - low)
+    ax.set_ylim(low - margin, high + margin)
+    ax.text(
+        0.98,
+        0.97,
+        f"C = 0: {number(without.max(), 1)} at its worst, {number(without.iloc[-1], 1)} at the end",
+        ha="right",
+        va="top",
+        fontsize=7,
+        transform=ax.transAxes,
+    )
 
 
 def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span = None) -> Axes:
@@ -131,24 +158,41 @@ def bars(
     )
     ax.set(xlabel="context size", ylabel=METRICS[metric].label)
     ax.set_ylim(0.0, max(1.05, ax.get_ylim()[1]))
+    ax.set_yticks(np.linspace(0, 1, 6))  # a standard deviation may reach beyond, a share cannot
     return _legend_above(ax)
 
 
-def failures(ax: Axes, runs: pd.DataFrame) -> Axes:
-    """Stacked bars: share of the runs that failed for each reason, by context size.
+def reasons(ax: Axes, runs: pd.DataFrame) -> Axes:
+    """Share of the runs that failed for each reason, by context size.
 
     Args:
         ax: where to draw.
         runs: one row per run, with the column `reason` (`failures.with_reasons`).
     """
-    table = shares(runs)
+    return _stacked(ax, failures.shares(runs, "reason", failures.REASONS), failures.REASONS, REASON_COLORS)
+
+
+def nearest(ax: Axes, runs: pd.DataFrame) -> Axes:
+    """Share of the runs that never arrived, by what they were nearest to at their end and by context size.
+
+    Args:
+        ax: where to draw.
+        runs: one row per run, see `failures.with_nearest`.
+    """
+    things = {thing: name for thing, name in failures.NEAREST.items() if (runs["nearest"] == thing).any()}
+    colors = {failures.SURFACE: EFFECTS["obstacle"].color, **{name: each.color for name, each in EFFECTS.items()}}
+    return _stacked(ax, failures.shares(runs, "nearest", things), things, colors)
+
+
+def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str]) -> Axes:
+    """Stacked bars of shares of runs, by context size (rows) and kind (columns)."""
     bottom = np.zeros(len(table))
-    for reason, name in REASONS.items():
-        heights = table[reason].to_numpy()
-        ax.bar(range(len(table)), heights, 0.75, bottom, color=REASON_COLORS[reason], ec="black", lw=0.6, label=name)
+    for kind, name in names.items():
+        heights = table[kind].to_numpy()
+        ax.bar(range(len(table)), heights, 0.75, bottom, color=colors[kind], ec="black", lw=0.6, label=name)
         bottom += heights
     ax.set_xticks(range(len(table)), [str(size) for size in table.index])
-    ax.set(xlabel="context size", ylabel="share of runs that failed", ylim=(0.0, 1.0))
+    ax.set(xlabel="context size", ylabel="share of runs", ylim=(0.0, 1.0))
     return ax
 
 
@@ -183,9 +227,9 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
     ax.axhline(0, color="0.6", lw=0.8)
     keys = [key for key in ("planner", "layout", "context_size") if key in table]
     settings = list(table.groupby(keys))
-    for number, (setting, group) in enumerate(settings):
+    for place, (setting, group) in enumerate(settings):
         named = dict(zip(keys, setting, strict=True))
-        shift = (number - (len(settings) - 1) / 2) * min(0.15, 0.7 / len(settings))
+        shift = (place - (len(settings) - 1) / 2) * min(0.15, 0.7 / len(settings))
         places = [values.index(value) + shift for value in group["b"]]
         reach = [group["difference"] - group["low"], group["high"] - group["difference"]]
         several = len(settings) > 1 and "context_size" in keys
@@ -193,13 +237,17 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             places,
             group["difference"],
             reach,
-            fmt="os^vDPX*"[number % 8],
+            fmt="os^vDPX*"[place % 8],
             color=context_color(group["context_size"].iloc[0]) if several else PLANNER_COLORS["cem"],
             ms=3.5,
             capsize=2,
             lw=1,
-            label=", ".join(f"C = {part}" if key == "context_size" else str(part) for key, part in named.items()),
+            label=", ".join(
+                f"C = {p}" if key == "context_size" else str(p).replace("_", " ") for key, p in named.items()
+            ),
         )
+    if max(table["difference"].abs().max(), table["high"].max(), -table["low"].min()) > HUGE:
+        ax.set_yscale("symlog", linthresh=margin)  # the others, and the margin, are to be seen, too
     ax.set_title(METRICS[table["metric"].iloc[0]].name, loc="left")
     ax.set_ylabel(f"difference ({unit})")
     return ax
@@ -207,7 +255,7 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
 
 def value_axis(ax: Axes, names: Sequence[str], label: str) -> Axes:
     """Write the names of the compared values along the horizontal axis, a place each."""
-    ax.set_xticks(range(len(names)), names, rotation=60)
+    ax.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
     ax.set(xlabel=label, xlim=(-0.5, len(names) - 0.5))
     return ax
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from affmap.report import arena, captions, examples, failures, figures, maps, panels, pictures
 from affmap.report.groups import Groups, make_groups
-from affmap.report.records import Job, Trajectories, World
+from affmap.report.records import Circle, Job, Trajectories, World
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results
 from affmap.settings import ConfigError
@@ -71,7 +71,7 @@ def test_bars_are_means_and_standard_deviations_over_members() -> None:
 def test_failures_are_stacked_by_their_reasons() -> None:
     """By hand: of four runs one is stuck, one touched fog and arrived, one touched fog and did not."""
     runs = pd.DataFrame({"context_size": 3, "reason": ["", "stuck", "fog", "fog"]})
-    ax = panels.failures(Figure().subplots(), runs)
+    ax = panels.reasons(Figure().subplots(), runs)
     heights = {bars.get_label(): (bars[0].get_y(), bars[0].get_height()) for bars in ax.containers}
     expected = {"touched fog": (0, 0.5), "never arrived: stuck": (0.5, 0.25), "never arrived: other": (0.75, 0)}
     assert heights == expected
@@ -102,11 +102,34 @@ def test_failures_are_placed_where_they_happened(results: dict[str, Results]) ->
     np.testing.assert_array_equal(places.fog[0], first.position[first.in_fog[:, 0].argmax(), 1])
 
 
+def test_what_a_vehicle_is_nearest_to_by_hand(world: World) -> None:
+    """Distances to rims and borders; inside of several circles the deepest counts."""
+    circles = (Circle(1.0, 1.0, 0.2, "obstacle"), Circle(1.6, 1.0, 0.3, "fog"), Circle(1.7, 1.0, 0.5, "force_up"))
+    world = replace(world, circles=circles)
+    places = {(0.75, 1.0): "surface", (1.5, 0.05): "surface", (1.25, 1.1): "force_up", (2.5, 1.0): "force_up"}
+    assert {place: failures.nearest(np.array(place), world) for place in places} == places
+    fog = replace(world, circles=(*circles, Circle(1.7, 1.0, 0.6, "fog")))
+    assert failures.nearest(np.array([1.7, 1.0]), fog) == "fog"
+
+
+def test_runs_that_arrived_are_nearest_to_nothing(results: dict[str, Results]) -> None:
+    found = results["exp5"]
+    things = failures.with_nearest(found, "procedural_hard", "cem")
+    runs = found.runs[found.runs["layout"] == "procedural_hard"]
+    shares = failures.shares(things, "nearest", failures.NEAREST).sum(axis=1)
+    assert shares.to_dict() == (1 - runs.groupby("context_size")["reached"].mean()).to_dict()
+    ax = panels.nearest(Figure().subplots(), things)
+    assert sum(bar.get_height() for bar in ax.patches) == pytest.approx(shares.sum())
+
+
 def test_cells_of_a_heat_map_count_positions(world: World) -> None:
-    """By hand: two positions in one cell, one in another, none elsewhere."""
-    ax = arena.heat(Figure().subplots(), np.array([[0.05, 0.11], [0.01, 0.19], [2.95, 1.95]]), world, outlined=True)
+    """By hand: twenty positions in one cell, one in another, none elsewhere; few are drawn one by one."""
+    positions = np.array([[0.05, 0.11]] * 20 + [[2.95, 1.95]])
+    ax = arena.heat(Figure().subplots(), positions, world, outlined=True)
     counts = ax.images[0].get_array()
-    assert counts[1, 0] == 2 and counts[19, 29] == 1 and counts.sum() == 3
+    assert counts[1, 0] == 20 and counts[19, 29] == 1 and counts.sum() == 21
+    few = arena.heat(Figure().subplots(), positions[-3:], world, outlined=True)
+    assert not few.images and few.lines[0].get_xydata().tolist() == positions[-3:].tolist()
     empty = arena.heat(Figure().subplots(), np.empty((0, 2)), world, outlined=True)
     assert not empty.images and len(empty.patches) == 2 * 6
 
