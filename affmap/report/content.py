@@ -19,10 +19,11 @@ RULE = (
     "trend test (Wilcoxon's signed-rank test where only two sizes were run); two conditions: Wilcoxon's "
     f"signed-rank test. A claim holds when the one-sided p in its direction is below {LEVEL}, does not "
     "hold when the one-sided p in the opposite direction is, and is not decided otherwise. A claim of a size (a level, "
-    "or being the same up to a margin) has no p; its 95 % interval decides. Intervals: BCa bootstrap of the mean over "
-    "members. The p values are not corrected for the number of claims. sd: standard deviation of a member's own map. "
-    "A claim of several parts holds when all do; parts that are called learned ask for more than the paper claims, and "
-    "do not count."
+    "or being the same up to a margin) has no p; its 95 % interval decides. Effects are means over members with BCa "
+    "bootstrap intervals; those of likelihoods in tests with a p, whose tails are heavy, are medians over members with "
+    "exact intervals. The p values are not corrected for the number of claims. sd: standard deviation of a member's "
+    "own map. A claim of several parts holds when all do; parts that are called learned ask for more than the paper "
+    "claims, and do not count."
 )
 
 RANGES = (

@@ -22,7 +22,7 @@ from affmap.report.text import NOTHING, number, p_value, points
 
 TITLE = "Affordances and active motor control: the paper's experiments"
 
-FIGURES = ("results", "trajectories", "maps", "growth", "failures")
+FIGURES = ("results", "trajectories", "maps", "growth", "failures", "world")
 """Those shown of each experiment, where it has them."""
 
 
@@ -177,9 +177,10 @@ def _costs(parts: Sequence[Part]) -> list[Block]:
     cores = sorted({record["machine"]["cores"] for record in records})
     return [
         blocks.paragraph(
-            "Process minutes, each since the process was last started; in brackets the number of such processes. What "
-            "two experiments share is counted with the first. A process has one thread unless configured otherwise; "
-            f"the machine had {' or '.join(map(str, cores))} cores, so less time passed on the clock."
+            "Minutes on the clock of every process, each since it was last started; in brackets the number of "
+            "processes. What two experiments share is counted with the first. A process has one thread unless "
+            f"configured otherwise; the machine had {' or '.join(map(str, cores))} cores, and other processes may "
+            "have been running beside these."
         ),
         blocks.table(
             ["Experiment", "Runs", *(cost.stage.capitalize() for cost in tables[0]), "Together"], rows, wide=0

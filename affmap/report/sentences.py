@@ -123,8 +123,9 @@ def setting(results: Results) -> str:
     return (
         f"Context sizes {sizes}; {span(members)} members each, trained for {epochs} epochs in {_quoted(list(worlds))}; "
         f"planners: {planners}; {len(results.runs)} runs of control in total, in {_quoted(results.layouts)}. All "
-        f"stages together took {number(seconds / 60, 1)} process minutes, each since it was last started; the "
-        f"largest process used {number(memory, 0)} MiB."
+        "stages together, those shared with other experiments included, took "
+        f"{number(seconds / 60, 1)} process minutes, each since it was last started; the largest process used "
+        f"{number(memory, 0)} MiB."
     )
 
 
