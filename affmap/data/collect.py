@@ -108,7 +108,10 @@ def free_position(layout: Layout, vehicle: Vehicle, rng: np.random.Generator) ->
     positions = rng.uniform(0, layout.size, (10_000, 2))
     free = positions[layout.is_free(positions, vehicle.radius)]
     if len(free) == 0:
-        raise ValueError(f"layout {layout.name!r} has no free place for a vehicle of radius {vehicle.radius} u.")
+        raise ValueError(
+            f"layout {layout.name!r} has no free place for a vehicle of radius {vehicle.radius} u; "
+            "make its obstacles fewer or smaller."
+        )
     return free[0]
 
 

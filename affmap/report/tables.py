@@ -203,7 +203,7 @@ def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     missing = [column for column in columns if column not in table]
     if missing:
         raise ValueError(
-            f"{path} lacks the columns {missing}, so it was written by another version; remove its folder and run again."
+            f"{path} lacks the columns {missing}: another version wrote it; remove its folder and run again."
         )
     return table[list(columns)]
 
