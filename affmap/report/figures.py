@@ -14,6 +14,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from affmap.report import arena, panels, pictures
 from affmap.report import failures as failing
@@ -91,7 +92,13 @@ def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Pa
 def _save(figure: Figure, path: Path, notice: str | None) -> None:
     if notice:
         lines = textwrap.wrap(notice, round(11 * figure.get_figwidth()))
-        figure.suptitle("\n".join(lines), color="red", fontsize=8, fontweight="bold")
+        height = figure.get_figheight() + 0.16 * len(lines)
+        figure.set_figheight(height)
+        engine = figure.get_layout_engine()
+        assert isinstance(engine, ConstrainedLayoutEngine)
+        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - 0.16 * len(lines) / height))  # subfigures make no room for a title
+        top = 1.0 - 0.04 / height
+        figure.text(0.5, top, "\n".join(lines), ha="center", va="top", color="red", fontsize=8, fontweight="bold")
     figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
     figure.set_layout_engine("none")  # as it was laid out for the first file, once
     figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
