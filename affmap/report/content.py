@@ -26,6 +26,11 @@ RULE = (
     "claims, and do not count."
 )
 
+FIGURES = (
+    "The figures show affordance maps of more members and context sizes where there are any, the worlds, where "
+    "exploration has been, and how runs ended."
+)
+
 RANGES = (
     "The paper prints no result as text; the ticks of its figures' axes are the only numbers. What lies inside them "
     "is consistent with the paper, not more; a star marks what lies outside. Whether the paper's likelihoods include "

@@ -116,7 +116,9 @@ def look_difference(maps: Maps, world: World) -> Floats:
 
 
 def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tuple[Floats, Floats]:
-    """How far a kind of place and other kinds are apart, and how far their codes scatter (IV-4, V-5).
+    """How far a kind of place and another are apart, and how far their codes scatter (IV-4, V-5).
+
+    Of several others it is the one that is least apart from the kind, measured by the scatter.
 
     Kinds are `free space` (the view shows nothing), the `border` (beside it) and circles by their effect (beside an
     obstacle, overlapping any other); a view shows no other thing. Codes also say in which direction a thing is, so a
@@ -126,10 +128,9 @@ def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tu
     points by definition. So the distance between means has to be larger than the scatter.
 
     Returns:
-        `[M]` and `[M]`: distance of a group's mean to the nearest one of another kind, of the kind or the others,
-        whichever are nearer; and mean distance of a group's codes to the group's mean, of the kind that scatters most;
-        averaged over the groups of a kind, in standard deviations of the member's own map. Empty where a kind has no
-        node.
+        `[M]` and `[M]`: distance of a group's mean to the nearest one of the other kind, of the kind that is nearer to
+        the other; and mean distance of a group's codes to the group's mean, of the kind that scatters more; averaged
+        over the groups of a kind, in standard deviations of the member's own map. Empty where a kind has no node.
     """
     possible = reachable(maps.nodes, world)
     found = [[group & possible for group in _groups(maps.nodes, world, name)] for name in (kind, *others)]
@@ -137,10 +138,10 @@ def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tu
     if not one or not all(rest):
         return np.empty(0), np.empty(0)
     sd = scale(maps.codes, possible)
-    everything_else = [codes for other in rest for codes in other]
-    apart = np.min([_nearest(one, everything_else), *(_nearest(other, one) for other in rest)], axis=0)
-    scatter = np.max([_scatter(codes) for codes in (one, *rest)], axis=0)
-    return apart / sd, scatter / sd
+    apart = np.stack([np.minimum(_nearest(one, other), _nearest(other, one)) for other in rest])  # [others, M]
+    scatter = np.stack([np.maximum(_scatter(one), _scatter(other)) for other in rest])
+    least = (apart - scatter).argmin(axis=0), np.arange(len(sd))
+    return apart[least] / sd, scatter[least] / sd
 
 
 def _groups(nodes: Floats, world: World, kind: str) -> list[Mask]:

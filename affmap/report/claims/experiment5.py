@@ -72,8 +72,8 @@ def _distinct(results: Results) -> list[Part]:
         others = ["free space", *(other for other in KINDS if other != kind)]
         contrast = partial(encoding.separation, kind=kind, others=others)
         label = EFFECTS[kind].label
-        says = f"The codes of places with the property “{label}” are farther from all others than codes scatter."
-        effect_of = f"distance between “{label}” and the nearest other minus scatter of codes"
+        says = f"Codes of “{label}” are farther from those of every other kind than the codes of either scatter."
+        effect_of = f"distance between “{label}” and another kind minus scatter of their codes, for the least distinct"
         found += parts.encoded(painted, contrast, "higher", name, effect_of, says)
     return found
 
