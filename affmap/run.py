@@ -23,7 +23,7 @@ from affmap.report.records import Job
 from affmap.report.tables import Results
 from affmap.settings import ConfigError, folder
 from affmap.stages import check_models, find, run, stages
-from affmap.store import PROVENANCE
+from affmap.store import PROVENANCE, without_places
 
 log = logging.getLogger("affmap")
 
@@ -173,7 +173,7 @@ def _report(asked: Sweep) -> None:
         print(f"{path.read_text('utf-8')}\nThe table is {path}")
         return
     _check_output(asked)
-    command = " ".join(["affmap", *asked.overrides])
+    command = " ".join(["affmap", *without_places(asked.overrides)])
     path = document.write(
         first.output, found.results, first.report, title=first.title, command=command, notice=notice or None
     )
@@ -199,7 +199,7 @@ def _paper(asked: Sweep) -> None:
         parts.append(paper.Part(first.title, found.results, first.report, first.output, found.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
-    command = " ".join(["affmap-paper", *asked.overrides])
+    command = " ".join(["affmap-paper", *without_places(asked.overrides)])
     print(f"The report is {paper.write(output, parts, command=command, notice=first.notice)}")
 
 

@@ -110,8 +110,7 @@ def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
         "stage": stage.name,
         "digest": stage.digest,
         "config": stage.config,
-        # Places on this machine say nothing of a result.
-        "command": " ".join([Path(sys.argv[0]).name, *(argument for argument in sys.argv[1:] if "=/" not in argument)]),
+        "command": " ".join([Path(sys.argv[0]).name, *without_places(sys.argv[1:])]),
         "started": started,
         "seconds": round(seconds, 2),
         "peak_memory_mib": round(peak_memory(), 1),
@@ -119,6 +118,11 @@ def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
         "git": _git(),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
     }
+
+
+def without_places(arguments: Sequence[str]) -> list[str]:
+    """A command line's arguments but for absolute places on this machine, which say nothing of a result."""
+    return [argument for argument in arguments if "=/" not in argument]
 
 
 def peak_memory() -> float:

@@ -20,8 +20,8 @@ from affmap.report.tables import Results, read_runs, score_matrix, write_csv, wr
 from affmap.report.text import NOTHING, number
 from affmap.settings import ConfigError
 
-COMPARED = ("prediction_error", "mean_distance", "reached", "success")
-"""Metrics."""
+COMPARED = ("validation_nll", "prediction_error", "mean_distance", "reached", "success")
+"""Metrics; the loss is that of a run's model."""
 
 WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
 """What the verdict on being the same is called here."""
@@ -49,7 +49,7 @@ def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Pa
         raise ConfigError(f"{output} holds a report; say output=runs/<name> for a comparison.")
     _check(jobs, key)
     name = key.replace(".", "_")
-    runs = pd.concat([read_runs(job).assign(**{name: value_of(job, key)}) for job in jobs], ignore_index=True)
+    runs = pd.concat([_with_loss(job).assign(**{name: value_of(job, key)}) for job in jobs], ignore_index=True)
     table = compare(runs, key)
     folder = output / "tables"
     folder.mkdir(parents=True, exist_ok=True)
@@ -60,6 +60,13 @@ def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Pa
     heading = f"**{notice}**\n\n" if notice else ""
     path.write_text(heading + markdown(table, key), "utf-8", newline="\n")
     return path
+
+
+def _with_loss(job: Job) -> pd.DataFrame:
+    """The runs of a job, with the validation loss of each run's model."""
+    losses = Results((job,)).last_epoch.set_index("member")["validation_nll"]
+    runs = read_runs(job)
+    return runs.assign(validation_nll=runs["member"].map(losses))
 
 
 def value_of(job: Job, key: str) -> Any:
@@ -106,7 +113,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
         One row per comparison: means and medians over runs of either value, the mean difference (other minus first)
         with its 95 % bootstrap interval over members (none with fewer than 5), the margin, and the verdict. Layouts
         have a column where there are several that are not what is compared; success has rows where it is not the same
-        as having reached the goal.
+        as having reached the goal, and the validation loss where models differ.
 
     Raises:
         ConfigError: the key has a single value.
@@ -119,6 +126,8 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
     if "layout" in settings and runs["layout"].nunique() == 1:
         settings.remove("layout")
     redundant = {"success"} if (runs["success"] == runs["reached"]).all() else set()
+    if runs.groupby([*settings, "member"])["validation_nll"].nunique().max() == 1:  # the models are the same
+        redundant.add("validation_nll")
     metrics = [metric for metric in COMPARED if metric not in redundant]
     rows = []
     for setting, group in runs.groupby(settings):

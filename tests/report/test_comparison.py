@@ -11,6 +11,7 @@ from scipy import stats
 
 from affmap.report import comparison, panels
 from affmap.report.records import Job
+from affmap.report.tables import Results
 
 KEY = "lookup.spacing"
 
@@ -31,6 +32,7 @@ def runs(shift: float, members: int = 8) -> pd.DataFrame:
                         "run": run,
                         "mean_distance": distance + change,
                         "prediction_error": -9.0,
+                        "validation_nll": -9.0,
                         "reached": True,
                         "success": True,
                         "lookup_error": spacing,
@@ -152,6 +154,13 @@ def test_any_key_of_the_configuration_can_be_compared(
     assert set(table["a"]) == {values[0]} and list(dict.fromkeys(table["b"])) == values[1:]
     assert list(table.columns[: len(settings) + 1]) == [*settings, "metric"]
     assert set(pd.read_csv(tmp_path / "out" / "tables" / "runs.csv")[name]) == set(values)
+    assert set(table["metric"]) == {"prediction_error", "mean_distance", "reached"} | (
+        {"validation_nll"} if key == "model.context_size" else set()  # else the models are the same
+    )
+    if key == "model.context_size":
+        last = Results(tuple(jobs)).last_epoch.groupby("context_size")["validation_nll"].mean()
+        losses = table[table["metric"] == "validation_nll"]
+        assert losses["difference"].to_numpy() == pytest.approx(np.full(len(losses), last[8] - last[0]))
     if key == "control_layout":
         farther = table[(table["b"] == "two_obstacles") & (table["metric"] == "mean_distance")]
         assert farther["difference"].to_numpy() == pytest.approx([0.1, 0.1], abs=0.05)
