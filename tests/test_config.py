@@ -424,7 +424,7 @@ def test_seeds_planners_and_labels() -> None:
     (config,) = sweep.jobs(["seed=7", "members=3", "planner=gradient", "model.context_size=5"])
     assert list(config.seeds) == [7, 8, 9]
     assert isinstance(config.planner, GradientPlanner)
-    assert label(config) == "original, context size 5, gradient, map"
+    assert label(config) == "original, context size 5, gradient, map of 0.02 u"
     (config,) = sweep.jobs([])
     assert isinstance(config.planner, CEMPlanner)
     with pytest.raises(Exception, match="frozen"):
