@@ -123,7 +123,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     if runs[metric].min() >= 0:  # a length or a count: let its zero be seen
         ax.set_ylim(bottom=0)
     elif ax.get_ylim()[1] > HUGE:  # a model that is surprised by all it meets: let the others be seen, too
-        low = min(ax.dataLim.y0, *(paper or ()))
+        low = min([ax.dataLim.y0, *(paper or ())])
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.set_ylim(bottom=1.1 * low)
         ax.set_ylabel(f"{METRICS[metric].label[:-1]}, log beyond ±{LINEAR})")
