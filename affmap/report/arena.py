@@ -131,13 +131,9 @@ def visits(ax: Axes, counts: Floats, free: Floats, world: World) -> Axes:
     return arena(ax, world)
 
 
-def heat(ax: Axes, positions: Floats, world: World, outlined: bool) -> Axes:
-    """How many of the positions `[N, 2]` (u) lie in each cell of the arena; circles only where all runs have them.
-
-    Few positions are drawn one by one.
-    """
-    if outlined:
-        _outlines(ax, world)
+def heat(ax: Axes, positions: Floats, world: World) -> Axes:
+    """How many of the positions `[N, 2]` (u) lie in each cell of a world; few positions are drawn one by one."""
+    _outlines(ax, world)
     if not len(positions):
         return arena(ax, world)
     if len(positions) < FEW:

@@ -168,17 +168,21 @@ def _outcomes(results: Results, settings: ReportSettings) -> str:
 
 def _failures(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
-    cells = f", in runs per cell of {CELL} u where there are many"
     if any(len(set(results.worlds(job))) > 1 for job in results.jobs):
-        middle = (
+        others = (
             "Middle: of the runs that never arrived, whether they touched fog or not, what the vehicle was nearest to "
-            "at its end, or deepest inside of."
+            "at its end, or deepest inside of. Right: median prediction error of single steps, by the number of "
+            "circles that the vehicle overlapped (training has no place with more than one); steps in fog are left "
+            "out, because there the reported positions are noise."
         )
     else:
-        middle = f"Middle: where runs with a context size {contexts} first touched fog, circles outlined."
+        others = (
+            f"Middle and right: where runs with a context size {contexts} first touched fog, and where those that "
+            "never arrived were at their end (their numbers in brackets; a run may be in both), in runs per cell of "
+            f"{CELL} u where there are many."
+        )
     return (
         "Left: share of the runs that failed, by reason. A run that touched fog counts as such, whether it arrived or "
-        "not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. "
-        f"{middle} Right: where runs with a context size {contexts} that never arrived were at their end{cells}. The "
-        "number of runs is in brackets, and one may be in several panels. The paper does not report these."
+        f"not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. {others} The "
+        "paper does not report these."
     )

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import norm
 
 from affmap.effects import EFFECTS
 from affmap.report.maps import circle_distance, surface_distance
@@ -23,6 +25,10 @@ SURFACE = "surface"
 
 NEAREST = {SURFACE: "obstacle or border", **{name: effect.label for name, effect in EFFECTS.items()}}
 """What a vehicle can be nearest to -> its name; obstacles are surfaces."""
+
+
+MANY = 3
+"""So many circles that a vehicle overlaps, or more, are told apart from fewer only."""
 
 
 class Places(NamedTuple):
@@ -80,6 +86,34 @@ def nearest(position: Floats, world: World) -> str:
             now = float(circle_distance(position, circle))
             distances[circle.effect] = min(now, distances.get(circle.effect, now))
     return min(distances, key=lambda thing: distances[thing])
+
+
+def step_errors(results: Results, layout: str, planner: str) -> pd.DataFrame:
+    """Prediction errors of single steps, and how many circles the vehicle overlapped when they began.
+
+    Returns:
+        `context_size`, `overlapped` (at most `MANY`, for that many or more) and `prediction_error` (nats) of each step
+        of each run, but for those that begin or end in fog, where what the vehicle reports is noise.
+    """
+    tables = []
+    for job in _jobs(results, layout, planner):
+        paths = results.trajectories(job)
+        predicted = norm(paths.planned_position[:, :, 0], paths.planned_std[:, :, 0])
+        errors = -np.sum(predicted.logpdf(paths.position[:, 1:]), axis=-1)
+        runs = zip(paths.position, results.worlds(job), strict=True)
+        counts = [overlapped(positions[:-1], world) for positions, world in runs]
+        clear = ~paths.in_fog
+        clear[:, 1:] &= ~paths.in_fog[:, :-1]
+        values = {"overlapped": np.minimum(counts, MANY)[clear], "prediction_error": errors[clear]}
+        tables.append(pd.DataFrame({"context_size": job.context_size, **values}))
+    return pd.concat(tables, ignore_index=True)
+
+
+def overlapped(positions: Floats, world: World) -> NDArray[np.integer]:
+    """How many circles, but for those without effect, the vehicle at `positions` `[..., 2]` (u) overlaps: `[...]`."""
+    circles = [circle for circle in world.circles if circle.effect != "none"]
+    inside = [circle_distance(positions, circle) < world.vehicle_radius for circle in circles]
+    return np.sum(inside, axis=0) if inside else np.zeros(positions.shape[:-1], int)
 
 
 def places(results: Results, layout: str, planner: str) -> Places:

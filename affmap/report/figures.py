@@ -180,21 +180,19 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
     groups = make_groups(results, settings)
     figure = new_figure(0.5 + 1.9 * len(groups.names))
     rows = figure.subplots(len(groups.names), 3, squeeze=False, width_ratios=(1.0, 1.15, 1.15))
-    for (bars, middle, ended), (value, name) in zip(rows, groups.names.items(), strict=True):
+    for (bars, middle, right), (value, name) in zip(rows, groups.names.items(), strict=True):
         panels.reasons(bars, runs[runs[groups.column] == value])
         layout, planner = (value, results.planners[0]) if groups.column == "layout" else (results.layouts[0], value)
-        found = failing.places(results, layout, planner)
         flown = results.worlds(next(job for job in results.jobs if (job.layout, job.planner) == (layout, planner)))
-        outlined = len(set(flown)) == 1
-        if outlined:
-            arena.heat(middle, found.fog, flown[0], outlined)
-            middle.set_title(f"fog first touched ({len(found.fog)})", loc="left")
-        else:
-            panels.nearest(middle, failing.with_nearest(results, layout, planner))
-            middle.set_title("never arrived: nearest thing", loc="left")
-        arena.heat(ended, found.ended, flown[0], outlined)
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
-        ended.set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
+        if len(set(flown)) == 1:
+            found = failing.places(results, layout, planner)
+            arena.heat(middle, found.fog, flown[0]).set_title(f"fog first touched ({len(found.fog)})", loc="left")
+            arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
+        else:  # a place in the arena says nothing where every run has a world of its own
+            things, steps = (what(results, layout, planner) for what in (failing.with_nearest, failing.step_errors))
+            panels.nearest(middle, things).set_title("never arrived: nearest thing", loc="left")
+            panels.step_errors(right, steps).set_title("errors outside fog", loc="left")
     entries: dict[str, Artist] = {}
     for ax in rows[:, :2].ravel():
         entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}

@@ -186,6 +186,25 @@ def nearest(ax: Axes, runs: pd.DataFrame) -> Axes:
     return _stacked(ax, failures.shares(runs, "nearest", things), things, colors)
 
 
+def step_errors(ax: Axes, steps: pd.DataFrame) -> Axes:
+    """Median prediction error of single steps over the number of circles that the vehicle overlapped.
+
+    Args:
+        ax: where to draw.
+        steps: one row per step, see `failures.step_errors`.
+    """
+    medians = steps.groupby(["context_size", "overlapped"])["prediction_error"].median()
+    for size in medians.index.unique("context_size"):
+        of_size = medians[size]
+        ax.plot(of_size.index, of_size, marker=".", ms=4, lw=1, color=context_color(size), label=f"C = {size}")
+    ax.set_xticks(range(failures.MANY + 1), [*map(str, range(failures.MANY)), f"{failures.MANY}+"])
+    ax.set(xlabel="circles overlapped", ylabel="median step error (nats)")
+    if medians.max() > LINEAR:
+        ax.set_yscale("symlog", linthresh=LINEAR)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), frameon=False, handlelength=0.9, fontsize=6.5)
+    return ax
+
+
 def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str]) -> Axes:
     """Stacked bars of shares of runs, by context size (rows) and kind (columns)."""
     bottom = np.zeros(len(table))

@@ -122,15 +122,48 @@ def test_runs_that_arrived_are_nearest_to_nothing(results: dict[str, Results]) -
     assert sum(bar.get_height() for bar in ax.patches) == pytest.approx(shares.sum())
 
 
+def test_errors_of_steps_by_hand(results: dict[str, Results]) -> None:
+    """Against a loop over the steps of a run."""
+    found = Results(tuple(job for job in results["exp5"].jobs if job.layout == "procedural_hard")[:1])
+    job = found.jobs[0]
+    paths, worlds = found.trajectories(job), found.worlds(job)
+    steps = failures.step_errors(found, "procedural_hard", "cem")
+    expected = []
+    for run, world in enumerate(worlds):
+        for step in range(paths.in_fog.shape[1]):
+            if paths.in_fog[run, step] or (step > 0 and paths.in_fog[run, step - 1]):
+                continue
+            x, y = paths.position[run, step]
+            over = [c for c in world.circles if np.hypot(x - c.x, y - c.y) < c.radius + world.vehicle_radius]
+            error = 0.0
+            for axis in range(2):
+                mean, std = paths.planned_position[run, step, 0, axis], paths.planned_std[run, step, 0, axis]
+                surprise = (paths.position[run, step + 1, axis] - mean) / std
+                error += 0.5 * surprise**2 + np.log(std) + 0.5 * np.log(2 * np.pi)
+            expected.append((min(len(over), 3), error))
+    assert steps["overlapped"].tolist() == [count for count, _ in expected]
+    assert steps["prediction_error"].to_numpy() == pytest.approx([error for _, error in expected])
+    ax = panels.step_errors(Figure().subplots(), steps)
+    assert ax.lines[0].get_ydata()[0] == pytest.approx(steps[steps["overlapped"] == 0]["prediction_error"].median())
+
+
+def test_circles_without_effect_are_not_overlapped(world: World) -> None:
+    """By hand: in none, in one, in two of three circles."""
+    circles = (Circle(1.0, 1.0, 0.2, "fog"), Circle(1.2, 1.0, 0.2, "force_up"), Circle(1.0, 1.0, 0.5, "none"))
+    places = np.array([[2.0, 1.0], [0.8, 1.0], [1.1, 1.0], [1.46, 1.0]])
+    assert failures.overlapped(places, replace(world, circles=circles)).tolist() == [0, 1, 2, 0]
+    assert failures.overlapped(places, replace(world, circles=())).tolist() == [0, 0, 0, 0]
+
+
 def test_cells_of_a_heat_map_count_positions(world: World) -> None:
     """By hand: twenty positions in one cell, one in another, none elsewhere; few are drawn one by one."""
     positions = np.array([[0.05, 0.11]] * 20 + [[2.95, 1.95]])
-    ax = arena.heat(Figure().subplots(), positions, world, outlined=True)
+    ax = arena.heat(Figure().subplots(), positions, world)
     counts = ax.images[0].get_array()
     assert counts[1, 0] == 20 and counts[19, 29] == 1 and counts.sum() == 21
-    few = arena.heat(Figure().subplots(), positions[-3:], world, outlined=True)
+    few = arena.heat(Figure().subplots(), positions[-3:], world)
     assert not few.images and few.lines[0].get_xydata().tolist() == positions[-3:].tolist()
-    empty = arena.heat(Figure().subplots(), np.empty((0, 2)), world, outlined=True)
+    empty = arena.heat(Figure().subplots(), np.empty((0, 2)), world)
     assert not empty.images and len(empty.patches) == 2 * 6
 
 
