@@ -13,7 +13,7 @@ import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, SymmetricalLogLocator
 
 from affmap.effects import EFFECTS
 from affmap.report import failures, statistics
@@ -268,7 +268,8 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             ),
         )
     if max(table["difference"].abs().max(), table["high"].max(), -table["low"].min()) > HUGE:
-        ax.set_yscale("symlog", linthresh=margin)  # the others, and the margin, are to be seen, too
+        ax.set_yscale("symlog", linthresh=1)  # the others, and the margin, are to be seen, too
+        ax.yaxis.set_major_locator(SymmetricalLogLocator(base=100, linthresh=1))
     ax.set_title(METRICS[table["metric"].iloc[0]].name, loc="left")
     ax.set_ylabel(f"difference ({unit})")
     return ax
