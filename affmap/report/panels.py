@@ -76,7 +76,7 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
     bands = [(losses[sizes] + sign * spread.reindex(columns=sizes).fillna(0.0)).to_numpy() for sign in (-1, 1)]
     low, high = min([np.quantile(bands[0], 0.01), *(paper or ())]), max([np.quantile(bands[1], 0.99), *(paper or ())])
     without = losses[0]
-    if without.max() < high + (high - low):
+    if without.max() < high + (high - low) / 2:
         return
     margin = 0.05 * (high - low)
     ax.set_ylim(low - margin, high + margin)
