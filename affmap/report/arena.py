@@ -26,7 +26,7 @@ NUM_DEVIATIONS = 3
 CELL = 0.1
 """u, side of the cells of heat maps."""
 
-FEW = 20
+FEW = 50
 """Positions; so few say more one by one than as a heat map."""
 
 

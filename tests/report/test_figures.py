@@ -156,11 +156,11 @@ def test_circles_without_effect_are_not_overlapped(world: World) -> None:
 
 
 def test_cells_of_a_heat_map_count_positions(world: World) -> None:
-    """By hand: twenty positions in one cell, one in another, none elsewhere; few are drawn one by one."""
-    positions = np.array([[0.05, 0.11]] * 20 + [[2.95, 1.95]])
+    """By hand: fifty positions in one cell, one in another, none elsewhere; few are drawn one by one."""
+    positions = np.array([[0.05, 0.11]] * 50 + [[2.95, 1.95]])
     ax = arena.heat(Figure().subplots(), positions, world)
     counts = ax.images[0].get_array()
-    assert counts[1, 0] == 20 and counts[19, 29] == 1 and counts.sum() == 21
+    assert counts[1, 0] == 50 and counts[19, 29] == 1 and counts.sum() == 51
     few = arena.heat(Figure().subplots(), positions[-3:], world)
     assert not few.images and few.lines[0].get_xydata().tolist() == positions[-3:].tolist()
     empty = arena.heat(Figure().subplots(), np.empty((0, 2)), world)
