@@ -41,7 +41,7 @@ def test_the_readme_quotes_the_claims_of_the_other_experiments() -> None:
     """Golden: the rows of the table that `make paper` wrote, word for word, but for those of Experiment I."""
     header, line, *rows = (ROOT / "runs/reference/paper/tables/claims.md").read_text("utf-8").splitlines()
     others = [row for row in rows if not row.startswith("| I-")]
-    assert len(others) == 14
+    assert len(others) == 15
     assert "\n".join([header, line, *others]) in (ROOT / "README.md").read_text("utf-8")
 
 
@@ -122,6 +122,46 @@ def test_what_is_said_about_single_factors_is_in_their_tables() -> None:
         table = pd.read_csv(ROOT / f"runs/reference/factors/{name}/tables/{column}.csv")
         means = table[table["metric"] == "mean_distance"].pivot(index="b", columns="context_size", values="mean_b")
         assert (means[8] <= means[0] + 0.005).all()
+
+
+def shares(path: str, by: str) -> pd.DataFrame:
+    """Of a reference run, in percent: success and arrivals, by layout and another column."""
+    runs = pd.read_csv(ROOT / "runs/reference" / path / "tables/runs.csv")
+    return (100 * runs.groupby(["layout", by])[["success", "reached"]].mean()).round().astype(int)
+
+
+def test_what_is_said_about_experiment_5_is_in_its_tables() -> None:
+    """`causes.md` against the runs and losses."""
+    causes = " ".join((ROOT / "affmap/report/causes.md").read_text("utf-8").split())
+    easy = shares("exp5", "context_size").loc["procedural_easy"]
+    success = easy["success"][easy.index > 0]
+    assert f"With a context {success.min()} % to {success.max()} % of the runs succeed" in causes
+    assert f"without one {easy['success'][0]} %. Without a context {easy['reached'][0]} % of the runs arrive" in causes
+    assert f"with 32 units {easy['reached'][32]} % do" in causes
+    assert shares("exp5", "context_size").loc["procedural_hard"]["success"].max() <= 10
+    iterations = shares("factors/v_iterations", "planner_num_iterations").loc["procedural_easy"]["success"]
+    assert f"is {iterations[10]} % and {iterations[20]} % instead of {iterations[5]} %" in causes
+    beta = shares("factors/beta", "control_beta").loc["procedural_easy"]
+    assert f"with beta = 0 it is {beta['success'][0]} %, with Experiment IV's 10 only {beta['success'][10]} %" in causes
+    assert beta["reached"][10] < 50, "most agents never arrive"
+    few = shares("factors/worlds", "context_size")["success"]
+    told = (
+        f"{few['procedural_few_easy', 8]} % succeed in easy worlds and {few['procedural_few_hard', 8]} % in hard ones"
+    )
+    assert told in causes
+    losses = pd.read_csv(ROOT / "runs/reference/exp5/tables/validation.csv")
+    losses = losses.groupby(["context_size", "epoch"])[["training_nll", "validation_nll"]].median().round(2)
+    epochs = {name: losses.loc[size, name] for size, name in ((0, "training_nll"), (32, "validation_nll"))}
+    at = {epoch: f"{epochs['validation_nll'][epoch]:.2f}".replace("-", "−") for epoch in (200, 500)}
+    assert f"is {at[200]} nats after 200 epochs and {at[500]} at the end" in causes
+    start, end = (f"{epochs['training_nll'][epoch]:.2f}".replace("-", "−") for epoch in (50, 500))
+    assert f"from {start} nats after 50 epochs to {end} at the end" in causes
+    clipping = pd.read_csv(ROOT / "runs/reference/factors/v_clipping/tables/training_transition_max_norm.csv")
+    loss = clipping[clipping["metric"] == "validation_nll"].iloc[0]
+    told = f"ends at {loss['mean_b']:.2f} nats instead of {loss['mean_a']:.2f}".replace("-", "−")
+    assert told in causes
+    claims = pd.read_csv(ROOT / "runs/reference/exp3/tables/claims.csv").set_index(["claim", "part"])
+    assert f"the interval of the ratio ends at {claims.loc[('III-2', 'a'), 'high']:.4f}" in causes
 
 
 def test_the_two_other_pairs_of_obstacles_decide_claim_ii_3_otherwise() -> None:

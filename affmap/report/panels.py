@@ -87,6 +87,7 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
         ha="right",
         va="top",
         fontsize=7,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
         transform=ax.transAxes,
     )
 
