@@ -24,7 +24,8 @@ _BOXES = (
 )
 _COLORS = (
     "Channels are principal components, fitted to the positions that the vehicle can reach; constant ones are a "
-    "neutral grey, so a context size of 1 or 2 uses fewer colours."
+    "neutral grey, so a context size of 1 or 2 uses fewer colours. What differs little may be invisible in three "
+    "components."
 )
 
 
@@ -62,7 +63,10 @@ def _results(results: Results, scores: Sequence[Score], settings: ReportSettings
         )
     else:
         members = results.last_epoch["member"].nunique()
-        parts.append(f"(A) Validation loss: mean and standard deviation (shade) over {members} members.")
+        parts.append(
+            f"(A) Validation loss: mean and standard deviation (shade) over {members} members; where the axis cuts off "
+            "a curve, it says so."
+        )
         code = "(B) The largest context size is 0, so there is no map."
         if size:
             part = pictures.painted(results, size)[-1]

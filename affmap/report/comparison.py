@@ -126,7 +126,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
     if "layout" in settings and runs["layout"].nunique() == 1:
         settings.remove("layout")
     redundant = {"success"} if (runs["success"] == runs["reached"]).all() else set()
-    if runs.groupby([*settings, "member"])["validation_nll"].nunique().max() == 1:  # the models are the same
+    if runs.groupby([*settings, "member"])["validation_nll"].nunique().max() <= 1:  # the models are the same
         redundant.add("validation_nll")
     metrics = [metric for metric in COMPARED if metric not in redundant]
     rows = []

@@ -26,7 +26,7 @@ RULE = (
     "claims, and do not count."
 )
 
-FIGURES = (
+MORE_FIGURES = (
     "The figures show affordance maps of more members and context sizes where there are any, the worlds, where "
     "exploration has been, and how runs ended."
 )

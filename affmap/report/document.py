@@ -79,9 +79,7 @@ def check(output: Path, results: Results) -> None:
     """
     path, digests = output / PROVENANCE, {record["digest"] for record in results.provenance.values()}
     if not path.is_file() or {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} != digests:
-        raise ConfigError(
-            f"{output} holds no report of these results; run affmap-report with the same arguments first."
-        )
+        raise ConfigError(f"{output} holds no report of these results; run affmap-report for them first.")
 
 
 def code() -> str:
@@ -126,7 +124,7 @@ def _blocks(
         *content.medians(results, settings),
         *([blocks.paragraph(content.RANGES)] if settings.axes else []),
         blocks.heading("Maps, worlds and outcomes"),
-        blocks.paragraph(content.FIGURES),
+        blocks.paragraph(content.MORE_FIGURES),
         *shown("maps", "growth", "world", "exploration", "outcomes", "failures"),
         blocks.heading("Where this differs from the paper, and why"),
         deviations([results]),

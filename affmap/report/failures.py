@@ -23,8 +23,10 @@ REASONS = {
 
 SURFACE = "surface"
 
-NEAREST = {SURFACE: "obstacle or border", **{name: effect.label for name, effect in EFFECTS.items()}}
-"""What a vehicle can be nearest to -> its name; obstacles are surfaces."""
+_TERRAINS = {name: effect.label for name, effect in EFFECTS.items() if name not in ("obstacle", "none")}
+
+NEAREST = {SURFACE: "obstacle or border", **_TERRAINS}
+"""What a vehicle can be nearest to -> its name."""
 
 
 MANY = 3
@@ -82,7 +84,7 @@ def nearest(position: Floats, world: World) -> str:
     """What is nearest to a place `[2]` (u), or lies around it deepest: a key of `NEAREST`."""
     distances = {SURFACE: float(surface_distance(position, world))}
     for circle in world.circles:
-        if circle.effect != "obstacle":
+        if circle.effect in _TERRAINS:
             now = float(circle_distance(position, circle))
             distances[circle.effect] = min(now, distances.get(circle.effect, now))
     return min(distances, key=lambda thing: distances[thing])

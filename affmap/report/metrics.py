@@ -13,8 +13,8 @@ class Metric(NamedTuple):
     unit: str
     label: str
     """Of an axis."""
-    effect: Statistic = "mean"
-    """What stands for the differences of all members; likelihoods have heavy tails, a single run may outweigh all."""
+    statistic: Statistic = "mean"
+    """What of the members' differences is an effect; likelihoods have heavy tails, one run may outweigh all others."""
     margin: float | None = None
     """A difference that would not matter: small against those between context sizes."""
 

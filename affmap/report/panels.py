@@ -87,7 +87,7 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
         ha="right",
         va="top",
         fontsize=7,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 1.0, "pad": 1.0},
         transform=ax.transAxes,
     )
 
@@ -202,6 +202,8 @@ def step_errors(ax: Axes, steps: pd.DataFrame) -> Axes:
     ax.set(xlabel="circles overlapped", ylabel="median step error (nats)")
     if medians.max() > LINEAR:
         ax.set_yscale("symlog", linthresh=LINEAR)
+        ax.set_ylabel(f"median step error\n(nats, log beyond ±{LINEAR})")
+        ax.margins(y=0.1)
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), frameon=False, handlelength=0.9, fontsize=6.5)
     return ax
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from affmap.effects import EFFECTS
 from affmap.report.records import STAGES
 from affmap.report.tables import Results
 from affmap.report.text import NOTHING, points
@@ -72,7 +73,7 @@ def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
             # So that a point can be about an effect, and is left out where no circle has it.
             layouts = [*config["training_layouts"], config["control_layout"]]
             circles = [circle for layout in layouts for circle in layout.get("circles", layout.get("properties"))]
-            effects = {f"effect.{each['effect']}": each["effect"].replace("_", " ") for each in circles}
+            effects = {f"effect.{each['effect']}": EFFECTS[each["effect"]].label for each in circles}
             values = leaves(config) | named | effects | values
     return [
         (title, _PLACEHOLDER.sub(lambda match: shown(values[match[1]]), text))

@@ -46,7 +46,7 @@ class Circle(NamedTuple):
     y: float
     radius: float
     effect: str
-    """`obstacle`, `fog`, `force_up`, `force_down` or `none`."""
+    """A key of `affmap.effects.EFFECTS`."""
 
 
 @dataclass(frozen=True)

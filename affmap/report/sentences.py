@@ -25,7 +25,7 @@ def effect(outcome: Outcome, unit: str) -> str:
     """An effect with its interval and unit."""
     if outcome.effect is None:
         return NOTHING
-    digits = 4 if unit == "ratio" else 2
+    digits = 4 if unit == "ratio" else 2 if abs(outcome.effect) < 1000 else 0
     size, *ends = (number(value, digits, sign=True) for value in (outcome.effect, outcome.low, outcome.high))
     return f"{size} {unit}" if outcome.low is None else f"{size} [{', '.join(ends)}] {unit}"
 

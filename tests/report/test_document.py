@@ -305,7 +305,7 @@ def test_a_deviation_is_told_where_it_was_run(results: dict[str, Results]) -> No
     assert provenance.fill(template, [results["exp2"]]) == [("A.", "original")]
     assert provenance.fill(template, [results["exp5"], results["exp2"]]) == [
         ("A.", "procedural_easy"),
-        ("B.", "force up"),
+        ("B.", "pulls up"),
     ]
 
 

@@ -33,7 +33,7 @@ def _with_minus_without(table: pd.DataFrame, metric: str) -> Part:
     else:
         scores = score_matrix(table, metric)
         without = scores[0].to_numpy(float)
-        effect = METRICS[metric].effect
+        effect = METRICS[metric].statistic
         each = {size: statistics.paired(scores[size].to_numpy(float), without, "lower", effect) for size in sizes}
         notes = [f"C = {size}: {parts.short(outcome, METRICS[metric].unit)}" for size, outcome in each.items()]
         mean = scores[sizes].to_numpy(float).mean(axis=1)

@@ -97,7 +97,7 @@ def trend(table: pd.DataFrame, metric: str, direction: Direction, who: str, name
         return Part(name, "context sizes", METRICS[metric].unit, outcome, says)
     matrix = score_matrix(table, metric)
     effect_of = f"C = {matrix.columns[-1]} minus C = {matrix.columns[0]}"
-    outcome = statistics.trend(matrix.to_numpy(), direction, METRICS[metric].effect)
+    outcome = statistics.trend(matrix.to_numpy(), direction, METRICS[metric].statistic)
     return Part(name, effect_of, METRICS[metric].unit, outcome, says)
 
 
@@ -116,7 +116,7 @@ def paired_at_every_size(table: pd.DataFrame, metric: str, pair: Pair, order: Or
 
 
 def _test(metric: str, order: Order) -> Test:
-    return lambda first, second: statistics.paired(first, second, order, METRICS[metric].effect)
+    return lambda first, second: statistics.paired(first, second, order, METRICS[metric].statistic)
 
 
 def same(table: pd.DataFrame, metric: str, pair: Pair, margin: float) -> Outcome:
