@@ -26,6 +26,8 @@ RULE = (
     "claims, and do not count."
 )
 
+MAIN_FIGURES = "The first figure has the parts of the paper's own, the second shows moments of single runs."
+
 MORE_FIGURES = (
     "The figures show affordance maps of more members and context sizes where there are any, the worlds, where "
     "exploration has been, and how runs ended."

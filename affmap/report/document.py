@@ -119,6 +119,7 @@ def _blocks(
     return [
         *content.experiment(results, scores, settings),
         blocks.heading("Results"),
+        blocks.paragraph(content.MAIN_FIGURES),
         *shown("results", "trajectories"),
         *content.tests(scores, results),
         *content.medians(results, settings),
