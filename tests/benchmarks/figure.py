@@ -95,7 +95,7 @@ def _name(ax: Axes, labels: list[tuple[float, str, str]]) -> Axes:
     low, high = ax.get_xlim()
     ax.set_xlim(low, high * 1.6)
     ax.xaxis.set_major_formatter(FuncFormatter(lambda ratio, _: f"{ratio:g}"))
-    ax.set_xlabel("time relative to the first contender (above 1: slower); black: lowest and highest of all rounds")
+    ax.set_xlabel("time relative to the first contender (above 1: slower)\nblack: lowest and highest of all rounds")
     return ax
 
 
