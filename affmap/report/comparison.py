@@ -5,6 +5,7 @@ of their difference lies within a margin set beforehand, as *different* when it 
 margin; else nothing is decided.
 """
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,9 @@ from affmap.settings import ConfigError
 COMPARED = ("validation_nll", "prediction_error", "mean_distance", "reached", "success")
 """Metrics; the loss is that of a run's model."""
 
+RECORD = "comparison.json"
+"""File of a comparison's folder: the key, and the control stages that it was made of."""
+
 WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
 """What the verdict on being the same is called here."""
 
@@ -31,7 +35,7 @@ COLUMNS = {"planner": "planner.kind", "layout": "control_layout", "context_size"
 
 
 def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Path:
-    """Write `tables/runs.csv`, `tables/<key>.csv` and `.md`, and `figures/<key>.png` and `.pdf`, into `output`.
+    """Write `tables/runs.csv`, `tables/<key>.csv` and `.md`, `figures/<key>.png` and `.pdf`, and `comparison.json`.
 
     Args:
         output: folder of the comparison; made where it is missing.
@@ -51,6 +55,9 @@ def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Pa
     name = key.replace(".", "_")
     runs = pd.concat([_with_loss(job).assign(**{name: value_of(job, key)}) for job in jobs], ignore_index=True)
     table = compare(runs, key)
+    output.mkdir(parents=True, exist_ok=True)
+    made_of = {"compare": key, "control": [job.control.name for job in jobs]}
+    (output / RECORD).write_text(json.dumps(made_of, indent=1) + "\n", "utf-8", newline="\n")
     folder = output / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     write_runs(folder, runs)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from affmap.report import blocks, captions, claims, content, figures, provenance, rendering
+from affmap.report import blocks, captions, claims, comparison, content, figures, provenance, rendering
 from affmap.report.claims import Score
 from affmap.report.groups import make_groups
 from affmap.report.provenance import PROVENANCE
@@ -38,8 +38,10 @@ def write(
         The path of the PDF. Where it is there already, made from the same stages by the same code, nothing is done.
 
     Raises:
-        ConfigError: there are several planners and several layouts.
+        ConfigError: there are several planners and several layouts, or the folder holds a comparison.
     """
+    if (output / comparison.RECORD).is_file():
+        raise ConfigError(f"{output} holds a comparison; say output=runs/<name> for a report.")
     make_groups(results, settings)  # refuses what cannot be told apart, before anything is written
     record = {
         "title": title,

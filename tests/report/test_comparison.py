@@ -9,9 +9,11 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from affmap.report import comparison, panels
+from affmap.report import comparison, document, panels
 from affmap.report.records import Job
+from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results
+from affmap.settings import ConfigError
 
 KEY = "lookup.spacing"
 
@@ -149,6 +151,9 @@ def test_any_key_of_the_configuration_can_be_compared(
     path = comparison.write(tmp_path / "out", jobs, key, "NOTICE")
     name = key.replace(".", "_")
     assert path == tmp_path / "out" / "tables" / f"{name}.md" and path.read_text("utf-8").startswith("**NOTICE**")
+    plain = ReportSettings.load("report", "default")
+    with pytest.raises(ConfigError, match="holds a comparison; say output="):  # a report would replace its tables
+        document.write(tmp_path / "out", Results(tuple(jobs)), plain, title="", command="", notice=None)
     assert {file.name for file in (tmp_path / "out" / "figures").iterdir()} == {f"{name}.png", f"{name}.pdf"}
     table = pd.read_csv(tmp_path / "out" / "tables" / f"{name}.csv")
     assert set(table["a"]) == {values[0]} and list(dict.fromkeys(table["b"])) == values[1:]
