@@ -209,13 +209,16 @@ def publish() -> None:
 
 
 def _publish(asked: Sweep) -> None:
-    from affmap.report import document
+    from affmap.report import comparison, document
 
     first = asked.first
     found = _found(asked)
     if first.notice:
         raise ConfigError(f"this is not a result to keep: {first.notice}.")
-    document.check(first.output, found.results)
+    if first.report.compare:
+        comparison.check(first.output, found.jobs, first.report.compare)
+    else:
+        document.check(first.output, found.results)
     kept = first.reference.parent / first.output.name
     new = kept.with_suffix(".new")
     shutil.rmtree(new, ignore_errors=True)

@@ -56,8 +56,7 @@ def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Pa
     runs = pd.concat([_with_loss(job).assign(**{name: value_of(job, key)}) for job in jobs], ignore_index=True)
     table = compare(runs, key)
     output.mkdir(parents=True, exist_ok=True)
-    made_of = {"compare": key, "control": [job.control.name for job in jobs]}
-    (output / RECORD).write_text(json.dumps(made_of, indent=1) + "\n", "utf-8", newline="\n")
+    (output / RECORD).write_text(_record(jobs, key), "utf-8", newline="\n")
     folder = output / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     write_runs(folder, runs)
@@ -67,6 +66,21 @@ def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Pa
     heading = f"**{notice}**\n\n" if notice else ""
     path.write_text(heading + markdown(table, key), "utf-8", newline="\n")
     return path
+
+
+def check(output: Path, jobs: Sequence[Job], key: str) -> None:
+    """Make sure that the comparison in a folder is that of a key over some settings.
+
+    Raises:
+        ConfigError: it is not, or there is none.
+    """
+    path = output / RECORD
+    if not path.is_file() or path.read_text("utf-8") != _record(jobs, key):
+        raise ConfigError(f"{output} holds no comparison of these results; run affmap-report for them first.")
+
+
+def _record(jobs: Sequence[Job], key: str) -> str:
+    return json.dumps({"compare": key, "control": [job.control.name for job in jobs]}, indent=1) + "\n"
 
 
 def _with_loss(job: Job) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from affmap.report import arena, panels, pictures
+from affmap.report import arena, contrasts, panels, pictures
 from affmap.report import failures as failing
 from affmap.report.groups import make_groups, readable
 from affmap.report.pictures import new_figure
@@ -78,11 +78,11 @@ def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Pa
         for ax in axes[count:]:
             ax.set_axis_off()
         for ax, metric in zip(axes[lookups:], metrics, strict=False):
-            panels.differences(ax, table[table["metric"] == metric], values)
+            contrasts.differences(ax, table[table["metric"] == metric], values)
         if lookups:
-            panels.code_errors(axes[0], runs, values)
+            contrasts.code_errors(axes[0], runs, values)
         for ax in axes[:count]:
-            panels.value_axis(ax, names, "map spacing (u)" if lookups else key)
+            contrasts.value_axis(ax, names, "map spacing (u)" if lookups else key)
         handles, settings = axes[count - 1].get_legend_handles_labels()
         if len(settings) > 1:
             figure.legend(handles, settings, loc="outside lower center", ncols=5, frameon=False)
@@ -190,8 +190,9 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
             arena.heat(middle, found.fog, flown[0]).set_title(f"fog first touched ({len(found.fog)})", loc="left")
             arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
         else:  # a place in the arena says nothing where every run has a world of its own
-            things, steps = (what(results, layout, planner) for what in (failing.with_nearest, failing.step_errors))
+            things = failing.with_nearest(results, layout, planner)
             panels.nearest(middle, things).set_title("never arrived: nearest thing", loc="left")
+            steps = failing.step_errors(results, layout, planner)
             panels.step_errors(right, steps).set_title("errors outside fog", loc="left")
     entries: dict[str, Artist] = {}
     for ax in rows[:, :2].ravel():

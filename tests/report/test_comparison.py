@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from affmap.report import comparison, document, panels
+from affmap.report import comparison, contrasts, document
 from affmap.report.records import Job
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results
@@ -88,7 +88,7 @@ def test_few_members_decide_nothing() -> None:
     distance = row(comparison.compare(runs(0.1, members=4), KEY), "mean_distance")
     assert pd.isna(distance["low"]) and distance["verdict"] == "not decided"
     table = comparison.compare(runs(0.1, members=4), KEY).query("metric == 'mean_distance'")
-    (bars,) = panels.differences(Figure().subplots(), table, [0.0, 0.01]).containers
+    (bars,) = contrasts.differences(Figure().subplots(), table, [0.0, 0.01]).containers
     assert bars[0].get_ydata()[0] == pytest.approx(0.1, abs=0.01), "a point without an interval"
 
 
@@ -109,13 +109,13 @@ def test_the_markdown_has_a_row_per_comparison() -> None:
 def test_what_is_drawn_is_the_table() -> None:
     """Points at the differences, bars to the ends of the intervals, the band as wide as the margin."""
     table = comparison.compare(runs(0.1), KEY).query("metric == 'mean_distance'")
-    ax = panels.differences(Figure().subplots(), table, [0.0, 0.01])
+    ax = contrasts.differences(Figure().subplots(), table, [0.0, 0.01])
     (bars,) = ax.containers
     found = table.iloc[0]
     assert bars[0].get_ydata().tolist() == [found["difference"]] and bars[0].get_xdata().tolist() == [1.0]
     (segment,) = bars[2][0].get_segments()
     np.testing.assert_allclose(segment[:, 1], [found["low"], found["high"]])
-    labels = panels.value_axis(ax, ["exact", "0.01"], "map spacing (u)").get_xticklabels()
+    labels = contrasts.value_axis(ax, ["exact", "0.01"], "map spacing (u)").get_xticklabels()
     assert [label.get_text() for label in labels] == ["exact", "0.01"]
     band = ax.patches[0].get_extents().transformed(ax.transData.inverted())
     assert (band.y0, band.y1) == pytest.approx((-0.05, 0.05))
@@ -124,7 +124,7 @@ def test_what_is_drawn_is_the_table() -> None:
 def test_several_settings_stand_side_by_side() -> None:
     """A second context size: another place, and a legend that names both."""
     table = comparison.compare(pd.concat([runs(0.1), runs(0.2).assign(context_size=3)]), KEY)
-    ax = panels.differences(Figure().subplots(), table.query("metric == 'mean_distance'"), [0.0, 0.01])
+    ax = contrasts.differences(Figure().subplots(), table.query("metric == 'mean_distance'"), [0.0, 0.01])
     places = [bars[0].get_xdata()[0] for bars in ax.containers]
     assert places == pytest.approx([0.925, 1.075])
     assert ax.get_legend_handles_labels()[1] == ["EB, C = 3", "EB, C = 8"]
@@ -132,7 +132,7 @@ def test_several_settings_stand_side_by_side() -> None:
 
 def test_the_error_of_context_codes_is_the_mean_over_runs() -> None:
     """By construction: equal to the spacing in every run; drawn in the order asked for."""
-    ax = panels.code_errors(Figure().subplots(), runs(0.0), [0.01, 0.0])
+    ax = contrasts.code_errors(Figure().subplots(), runs(0.0), [0.01, 0.0])
     assert ax.containers[0][0].get_ydata().tolist() == [0.01, 0.0]
 
 
@@ -151,6 +151,9 @@ def test_any_key_of_the_configuration_can_be_compared(
     path = comparison.write(tmp_path / "out", jobs, key, "NOTICE")
     name = key.replace(".", "_")
     assert path == tmp_path / "out" / "tables" / f"{name}.md" and path.read_text("utf-8").startswith("**NOTICE**")
+    comparison.check(tmp_path / "out", jobs, key)
+    with pytest.raises(ConfigError, match="holds no comparison of these results"):
+        comparison.check(tmp_path / "out", jobs[1:], key)
     plain = ReportSettings.load("report", "default")
     with pytest.raises(ConfigError, match="holds a comparison; say output="):  # a report would replace its tables
         document.write(tmp_path / "out", Results(tuple(jobs)), plain, title="", command="", notice=None)
