@@ -79,6 +79,8 @@ class Config(Settings):
     """Folder of the stages."""
     reference: Path
     """Folder of the reference run's stages."""
+    versions: Literal["same", "any"]
+    """Whether stages that other versions of packages have made may be used."""
     sweep: Mapping[str, str | int]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
     growth: str | None
@@ -157,7 +159,7 @@ class Config(Settings):
 
     def open_store(self) -> Store:
         """Where this job's stages are."""
-        return Store(self.store, [self.reference] if self.models == "reference" else [])
+        return Store(self.store, [self.reference] if self.models == "reference" else [], self.versions == "any")
 
 
 def label(config: Config) -> str:

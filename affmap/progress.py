@@ -15,14 +15,24 @@ SECONDS_BETWEEN_LINES = 15
 
 
 @contextmanager
-def track(description: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
-    """Show the progress of `description`; yields a function to call with the number of `unit`s done of `total`."""
+def track(
+    description: str, total: int, unit: str, note: Callable[[int, int], None] = lambda finished, total: None
+) -> Iterator[Callable[[int], None]]:
+    """Show the progress of `description`; yields a function to call with the number of `unit`s done of `total`.
+
+    `note` is called with both numbers, for those who look from elsewhere.
+    """
     # Workers of a parallel sweep share the terminal: their bars would overwrite each other.
     alone = multiprocessing.current_process().name == "MainProcess"
     with (
         _bar(description, total, unit) if alone and sys.stdout.isatty() else _lines(description, total, unit) as update
     ):
-        yield update
+
+        def tell(finished: int) -> None:
+            update(finished)
+            note(finished, total)
+
+        yield tell
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from affmap.report.records import Job
 from affmap.report.tables import LAYOUTS
 from affmap.settings import ConfigError
 from affmap.store import Stage, Store
+from affmap.work import Work
 
 log = logging.getLogger("affmap")
 
@@ -38,8 +39,18 @@ def stages(config: Config) -> tuple[Stage, ...]:
     return config.data_stage, config.train_stage, config.map_stage, config.control_stage
 
 
+def is_complete(config: Config) -> bool:
+    """Whether all stages of a job are complete; their files are not looked at."""
+    store = config.open_store()
+    return all(store.has(stage) for stage in stages(config))
+
+
 def find(config: Config) -> Job | None:
-    """Where the stages of a job are, or None if one is not complete."""
+    """Where the stages of a job are, or None if one is not complete.
+
+    Raises:
+        StoreError: a file is damaged, or other versions of packages have made a stage.
+    """
     store = config.open_store()
     folders = [store.find(stage) for stage in stages(config)]
     complete = [folder for folder in folders if folder]
@@ -47,7 +58,8 @@ def find(config: Config) -> Job | None:
 
 
 def _job(config: Config, *folders: Path) -> Job:
-    return Job(config.model.context_size, config.planner.kind, config.control_layout.name, *folders)
+    each = [(folder,) for folder in folders]
+    return Job(config.model.context_size, config.planner.kind, config.control_layout.name, *each)
 
 
 def run(config: Config) -> Job:
@@ -55,10 +67,10 @@ def run(config: Config) -> Job:
     check_models(config)
     torch.set_num_threads(config.threads)
     store = config.open_store()
-    data = store.ensure(config.data_stage, lambda folder: _collect(config, folder))
-    train = store.ensure(config.train_stage, lambda folder: _train(config, data, folder))
-    painted = store.ensure(config.map_stage, lambda folder: _paint(config, train, folder))
-    controlled = store.ensure(config.control_stage, lambda folder: _control(config, train, folder))
+    data = store.ensure(config.data_stage, lambda work: _collect(config, work))
+    train = store.ensure(config.train_stage, lambda work: _train(config, data, work))
+    painted = store.ensure(config.map_stage, lambda work: _paint(config, train, work))
+    controlled = store.ensure(config.control_stage, lambda work: _control(config, train, work))
     log.info("%s: complete", label(config))
     return _job(config, data, train, painted, controlled)
 
@@ -69,44 +81,44 @@ def check_models(config: Config) -> None:
     Raises:
         ConfigError: it has not.
     """
-    if config.models == "reference" and Store(config.reference).find(config.train_stage) is None:
+    if config.models == "reference" and not Store(config.reference).has(config.train_stage):
         raise ConfigError(
             f"{config.reference} holds no models of this configuration (stage train, {config.train_stage.digest}); "
             "train them with models=train, or undo the changes to them and to their data."
         )
 
 
-def _collect(config: Config, folder: Path) -> None:
+def _collect(config: Config, work: Work) -> None:
     layouts, num_sequences = config.training_layouts, config.data.num_sequences
     names = ", ".join(layout.name for layout in layouts)
-    with track(f"exploration of {names}", len(layouts) * num_sequences, "sequences") as update:
+    with track(f"exploration of {names}", len(layouts) * num_sequences, "sequences", work.progress) as update:
         arrays = collect(layouts, config.vehicle, config.data, lambda sequence: update(sequence + 1))
-    np.savez_compressed(folder / DATASET, allow_pickle=False, **arrays)
+    np.savez_compressed(work.folder / DATASET, allow_pickle=False, **arrays)
     parts = arrays["true_position"].reshape(len(layouts), num_sequences, -1, 2)
     covered = [coverage(layout, config.vehicle, part) for layout, part in zip(layouts, parts, strict=True)]
     stacked = {key: np.stack([part[key] for part in covered]) for key in covered[0]}
-    np.savez_compressed(folder / "coverage.npz", allow_pickle=False, **stacked)
+    np.savez_compressed(work.folder / "coverage.npz", allow_pickle=False, **stacked)
     share = 100 * stacked["coverage"].min()
     log.info("exploration of %s: %.1f %% of the free squares visited, or more", names, share)
 
 
-def _train(config: Config, data: Path, folder: Path) -> None:
+def _train(config: Config, data: Path, work: Work) -> None:
     from affmap.data.module import DataModule  # Lightning takes seconds to import
     from affmap.training.fit import fit
 
     batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
     description = f"training of {config.members} members, context size {config.model.context_size}"
-    with track(description, config.training.num_epochs, "epochs") as update:
-        fit(_stack(config), batches, config.training, folder, update)
+    with track(description, config.training.num_epochs, "epochs", work.progress) as update:
+        fit(_stack(config), batches, config.training, work.folder, work.scratch, update)
 
 
-def _paint(config: Config, train: Path, folder: Path) -> None:
+def _paint(config: Config, train: Path, work: Work) -> None:
     snapshots = sorted(train.glob(SNAPSHOT.format(epoch="*"))) if config.report.snapshots else []
     codes = _codes(config, _trained(config, train))
     _, rows, columns, _ = codes.shape
     width, height = config.map_layout.size
     np.savez_compressed(
-        folder / "maps.npz",
+        work.folder / "maps.npz",
         allow_pickle=False,
         codes=codes,
         initial_codes=_codes(config, _stack(config)),
@@ -123,13 +135,15 @@ def _codes(config: Config, stack: Stack) -> np.ndarray:
     return AffordanceMap.paint(stack, [config.map_layout.map], config.report.map_spacing).codes.numpy()
 
 
-def _control(config: Config, train: Path, folder: Path) -> None:
+def _control(config: Config, train: Path, work: Work) -> None:
     stack = _trained(config, train).to(config.control.device)
     layouts = _layouts(config)
     lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
     agent = Agent(stack, lookup, config.planner, config.control)
     num_runs = config.members * config.control.runs_per_member
-    with track(f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps") as update:
+    with track(
+        f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps", work.progress
+    ) as update:
         runs = control(agent, layouts, config.vehicle, config.control, update)
     setting: dict[str, str | int | float] = {
         "layout": config.control_layout.name,
@@ -143,9 +157,9 @@ def _control(config: Config, train: Path, folder: Path) -> None:
     starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
     runs.table["crossable"] = [crossable(*run) for run in zip(flown, repeat(config.vehicle), starts, goals)]
     runs.table["lookup_error"] = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
-    runs.table.to_csv(folder / "runs.csv", index=False, float_format="%.6f")
-    np.savez_compressed(folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
-    (folder / LAYOUTS).write_text(json.dumps([layout.model_dump(mode="json") for layout in flown]), "utf-8")
+    runs.table.to_csv(work.folder / "runs.csv", index=False, float_format="%.6f")
+    np.savez_compressed(work.folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
+    (work.folder / LAYOUTS).write_text(json.dumps([layout.model_dump(mode="json") for layout in flown]), "utf-8")
 
 
 def _layouts(config: Config) -> list[Layout]:

@@ -1,31 +1,33 @@
 """Results on disk: each stage in a folder named by the digest of the configuration that it depends on.
 
-A stage is written into `<digest>.partial` and renamed when complete, so that a folder with a digest's name is whole.
-A lock makes jobs that need the same stage at the same time wait for the one that makes it. Knows nothing of what the
-stages are.
+A stage is written into `<digest>.partial` and renamed when complete, so that a folder with a digest's name is whole;
+its `provenance.json` lists the digests of its files. A lock makes jobs that need the same stage at the same time wait
+for the one that makes it. Knows nothing of what the stages are.
 """
 
+import errno
 import hashlib
 import json
 import logging
 import os
-import platform
-import resource
-import subprocess
-import sys
-import time
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.metadata import version
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from filelock import FileLock, Timeout
 
+from affmap.files import digests, to_disk, write_json
+from affmap.provenance import PROVENANCE, canonical, circumstances, is_sealed, other_versions, peak_memory, sealed
+from affmap.work import Work, last_attempt
+
 log = logging.getLogger("affmap")
 
-PROVENANCE = "provenance.json"
-PACKAGES = ("affmap", "torch", "lightning", "numpy", "box2d", "gymnasium", "hydra-core", "pandas", "scipy")
+
+class StoreError(Exception):
+    """What lies in the store cannot be used; the message names the file and the remedy."""
 
 
 class Stage(NamedTuple):
@@ -41,31 +43,79 @@ class Stage(NamedTuple):
         return hashlib.sha256(canonical(self._asdict()).encode()).hexdigest()[:16]
 
 
-def canonical(value: Any) -> str:
-    """The one JSON text of a plain value."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+class State(NamedTuple):
+    """How a stage stands."""
+
+    name: str
+    """`complete`, `running`, `failed`, `stopped` (begun, and then interrupted), `missing` or `damaged`."""
+    seconds: float = 0.0
+    """Spent on it until now, by all attempts together."""
+    finished: int = 0
+    """Parts of the work that are done, out of `total`, where it is known."""
+    total: int = 0
+    error: str = ""
+    """Why the last attempt failed, or what is damaged."""
+    log: str = ""
+    """The log of the last attempt."""
+
+    @property
+    def seconds_left(self) -> float | None:
+        """What the rest will take if it goes on as until now; None where that is not known."""
+        return self.seconds / self.finished * (self.total - self.finished) if self.finished else None
 
 
 class Store:
     """Folders of completed stages: one place to write, others to read from."""
 
-    def __init__(self, root: Path, read_only: Sequence[Path] = ()) -> None:
-        """Write below `root`; look in `read_only` first."""
+    def __init__(self, root: Path, read_only: Sequence[Path] = (), any_versions: bool = False) -> None:
+        """Write below `root`; look in `read_only` first.
+
+        With `any_versions`, what other versions of packages have made is used, too; in `read_only` it always is.
+        """
         self.root = root
         self._places = (*read_only, root)
+        self._any_versions = any_versions
+
+    def has(self, stage: Stage) -> bool:
+        """Whether a stage is complete; its files are not looked at."""
+        return self._place(stage) is not None
 
     def find(self, stage: Stage) -> Path | None:
-        """The folder of a completed stage, or None."""
-        folders = (place / stage.name / stage.digest for place in self._places)
-        return next((folder for folder in folders if (folder / PROVENANCE).is_file()), None)
-
-    def ensure(self, stage: Stage, build: Callable[[Path], None]) -> Path:
-        """The folder of a stage; where it is not complete, `build` fills it first.
-
-        `build` gets the folder to write into; after an interruption it may find there what it wrote before.
+        """The folder of a completed stage, every file as it was written; or None.
 
         Raises:
-            FileExistsError: a folder that lacks its provenance, and so cannot be trusted, stands in the way.
+            StoreError: a file is damaged, or other versions of packages have made the stage.
+        """
+        folder = self._place(stage)
+        if folder:
+            record = check(folder)
+            if folder.is_relative_to(self.root):
+                self._check_versions(folder, record["versions"])
+        return folder
+
+    def state(self, stage: Stage, check: bool = False) -> State:
+        """How a stage stands, without waiting for whoever works on it; `check` looks at its files, too."""
+        if folder := self._place(stage):
+            try:
+                if check:
+                    self.find(stage)
+                return State("complete", _read(folder)["seconds"])
+            except StoreError as error:
+                return State("damaged", error=str(error))
+        final = self.root / stage.name / stage.digest
+        note = last_attempt(final.with_suffix(".partial"))
+        if note is None:
+            return State("missing")
+        name = "running" if _is_locked(final.with_suffix(".lock")) else "failed" if note["error"] else "stopped"
+        return State(name, note["seconds"], note["finished"], note["total"], note["error"] or "", note["log"] or "")
+
+    def ensure(self, stage: Stage, build: Callable[[Work], None]) -> Path:
+        """The folder of a stage; where it is not complete, `build` fills it first.
+
+        `build` gets an empty folder to write into, and another where it may keep what an interruption should not cost.
+
+        Raises:
+            StoreError: see `find`; or the disk is full.
         """
         if found := self.find(stage):
             return found
@@ -75,15 +125,128 @@ class Store:
             if found := self.find(stage):  # another job made it while this one waited
                 return found
             if final.exists():
-                raise FileExistsError(f"{final} has no {PROVENANCE}: it is damaged; remove it and run again.")
+                raise StoreError(f"{final} has no {PROVENANCE}: it is damaged; {_remedy(final)}")
             partial = final.with_suffix(".partial")
-            partial.mkdir(exist_ok=True)
-            started, begin = time.strftime("%Y-%m-%dT%H:%M:%S%z"), time.monotonic()
-            build(partial)
-            record = provenance(stage, started, time.monotonic() - begin)
-            (partial / PROVENANCE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            if not (partial / PROVENANCE).is_file():  # which is the last file of a stage
+                self._build(stage, partial, build)
+            check(partial, stage)
+            shutil.rmtree(Work(partial).scratch, ignore_errors=True)
             os.replace(partial, final)
+            final.with_suffix(".lock").unlink(missing_ok=True)
         return final
+
+    def _build(self, stage: Stage, partial: Path, build: Callable[[Work], None]) -> None:
+        if before := last_attempt(partial):
+            self._check_versions(partial, before["versions"])
+        work = None
+        try:
+            work = Work.begin(partial)
+            build(work)
+            to_disk(partial)
+            write_json(partial / PROVENANCE, provenance(stage, work))
+        except Exception as error:
+            if work:
+                work.fail(error)
+            if _is_full(self.root, error):
+                raise StoreError(f"The disk of {partial} is full; make room and run the same command again.") from error
+            raise
+
+    def _check_versions(self, folder: Path, made_with: Mapping[str, str | None]) -> None:
+        different = other_versions(made_with)
+        if different and not self._any_versions:
+            raise StoreError(
+                f"{folder} was made with {different}, and numbers may depend on it; remove it to make it anew, go back "
+                "to those versions, or take it as it is with versions=any."
+            )
+
+    def _place(self, stage: Stage) -> Path | None:
+        folders = (place / stage.name / stage.digest for place in self._places)
+        return next((folder for folder in folders if (folder / PROVENANCE).is_file()), None)
+
+
+def provenance(stage: Stage, work: Work) -> dict[str, Any]:
+    """Where a completed stage comes from: configuration, versions, git state, machine, command, cost, files.
+
+    Memory is the peak of the process so far.
+    """
+    return sealed(
+        {
+            "stage": stage.name,
+            "digest": stage.digest,
+            "config": stage.config,
+            "started": work.started,
+            "seconds": round(work.seconds, 2),
+            "peak_memory_mib": round(peak_memory(), 1),
+            **circumstances(),
+            "files": {name: digest for name, digest in digests(work.folder).items() if not work.is_scratch(name)},
+        }
+    )
+
+
+def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
+    """Make sure that a completed stage is as it was written; returns its provenance.
+
+    Args:
+        folder: of the stage.
+        stage: what it must be; by default what the folder's name says.
+
+    Raises:
+        StoreError: a file is damaged, missing or too many.
+    """
+    record = _read(folder)
+    made = Stage(record["stage"], record["config"])
+    if made.digest != record["digest"] or made.digest != (stage.digest if stage else folder.name):
+        raise StoreError(f"{folder / PROVENANCE} is that of another stage; {_remedy(folder)}")
+    expected, actual = record["files"], {n: d for n, d in digests(folder).items() if not Work(folder).is_scratch(n)}
+    del actual[PROVENANCE]
+    for name in sorted(expected.keys() | actual.keys()):
+        if expected.get(name) != actual.get(name):
+            problem = "is missing" if name not in actual else "does not belong there"
+            problem = "is damaged" if name in expected and name in actual else problem
+            raise StoreError(f"{folder / name} {problem}; {_remedy(folder)}")
+    return record
+
+
+def copy_stage(source: Path, target: Path, patterns: Sequence[str]) -> None:
+    """Copy a completed stage, but only those of its files that match one of `patterns`.
+
+    Raises:
+        StoreError: a file is damaged.
+    """
+    record = check(source)
+    names = [name for name in record["files"] if any(fnmatch(name, pattern) for pattern in patterns)]
+    partial = target.with_suffix(".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    for name in names:
+        (partial / name).parent.mkdir(exist_ok=True)
+        shutil.copy(source / name, partial / name)
+    write_json(partial / PROVENANCE, sealed({**record, "files": {name: record["files"][name] for name in names}}))
+    shutil.rmtree(target, ignore_errors=True)
+    os.replace(partial, target)
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    """The provenance of a completed stage."""
+    path = folder / PROVENANCE
+    try:
+        record = json.loads(path.read_text("utf-8"))
+    except ValueError:
+        record = None
+    if not isinstance(record, dict) or not is_sealed(record):
+        raise StoreError(f"{path} is damaged, or another version of affmap wrote it; {_remedy(folder)}")
+    return record
+
+
+def _remedy(folder: Path) -> str:
+    return f"remove the folder {folder} (or restore it) and run the same command again."
+
+
+def _is_full(root: Path, error: Exception) -> bool:
+    """Whether an error comes from a full disk; libraries tell that in ways of their own."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return True
+    return shutil.disk_usage(root).free < 2**16
 
 
 @contextmanager
@@ -101,51 +264,12 @@ def _locked(path: Path) -> Iterator[None]:
         lock.release()
 
 
-def provenance(stage: Stage, started: str, seconds: float) -> dict[str, Any]:
-    """Where a result comes from: configuration, versions, git state, machine, command, cost.
-
-    `seconds` counts from when the stage was last started; memory is the peak of the process so far.
-    """
-    return {
-        "stage": stage.name,
-        "digest": stage.digest,
-        "config": stage.config,
-        "command": " ".join([Path(sys.argv[0]).name, *without_places(sys.argv[1:])]),
-        "started": started,
-        "seconds": round(seconds, 2),
-        "peak_memory_mib": round(peak_memory(), 1),
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
-        "git": _git(),
-        "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
-    }
-
-
-def without_places(arguments: Sequence[str]) -> list[str]:
-    """A command line's arguments but for absolute places on this machine, which say nothing of a result."""
-    return [argument for argument in arguments if "=/" not in argument]
-
-
-def peak_memory() -> float:
-    """Largest memory of this process so far, MiB."""
-    try:  # on Linux `ru_maxrss` begins with what the parent process had
-        status = Path("/proc/self/status").read_text("utf-8")
-        return int(status.split("VmHWM:")[1].split()[0]) / 2**10
-    except (OSError, IndexError):
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-
-
-def _version(package: str) -> str | None:
+def _is_locked(path: Path) -> bool:
+    """Whether a job holds a lock now."""
+    if not path.is_file():
+        return False
     try:
-        return version(package)
-    except ModuleNotFoundError:  # box2d is called box2d-py on some platforms
-        return None
-
-
-def _git() -> str | None:
-    """The commit that the code comes from, `-dirty` if it was changed since; None outside a checkout."""
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
-    try:
-        result = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
-    except OSError:  # no git on this machine
-        return None
-    return result.stdout.strip() or None
+        FileLock(path).acquire(timeout=0).lock.release()
+    except Timeout:
+        return True
+    return False

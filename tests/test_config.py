@@ -129,6 +129,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("members", None, "valid integer"),
     ("threads", 0, "greater than 0"),
     ("models", "steal", "'train' or 'reference'"),
+    ("versions", "some", "'same' or 'any'"),
     ("name", 3, "valid string"),
     ("notice", 3, "valid string"),
     ("output", 3, "path"),
@@ -353,6 +354,7 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("output", "elsewhere", ""),
     ("store", "elsewhere", ""),
     ("reference", "elsewhere", ""),
+    ("versions", "any", ""),
     ("sweep", {"seed": "1,2"}, ""),
     ("report.snapshots", True, "map"),
     ("report.compare", "lookup.spacing", ""),
@@ -438,4 +440,4 @@ def test_only_the_reference_s_models_are_looked_for_in_the_reference(values: Val
         kept = tmp_path / "kept" / "train" / config.train_stage.digest
         kept.mkdir(parents=True, exist_ok=True)
         (kept / "provenance.json").write_text("{}")
-        assert (config.open_store().find(config.train_stage) == kept) == expected
+        assert config.open_store().has(config.train_stage) == expected

@@ -14,7 +14,7 @@ import pytest
 import torch
 import yaml
 
-from affmap import run, stages, sweep
+from affmap import reporting, run, stages, sweep
 from affmap.config import Config
 from affmap.env import Layout
 from affmap.env.procedural import Procedural
@@ -25,6 +25,8 @@ from affmap.random import generator
 from affmap.report.records import Job
 from affmap.report.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
 from affmap.settings import ConfigError
+from affmap.store import Store
+from affmap.sweep import Sweep
 
 COMMAND = Path(sys.executable).parent / "affmap"
 TINY = [
@@ -40,6 +42,12 @@ TINY = [
     "hydra.launcher.n_jobs=1",
 ]
 SWEEP = ["planner=cem", "model.context_size=0,1"]
+COMMANDS = {
+    "affmap": run.main,
+    "affmap-status": run.stand,
+    "affmap-report": reporting.report,
+    "affmap-publish": reporting.publish,
+}
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "200"}
 
 
@@ -67,7 +75,7 @@ def in_process(monkeypatch: pytest.MonkeyPatch, entry: str, arguments: Sequence[
     """The same function that the console script calls, with these arguments; its exit status."""
     monkeypatch.setattr(sys, "argv", [entry, *arguments])
     try:
-        {"affmap": run.main, "affmap-report": run.report, "affmap-publish": run.publish}[entry]()
+        COMMANDS[entry]()
     except SystemExit as leaving:
         return int(leaving.code or 0)
     return 0
@@ -177,7 +185,11 @@ def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
     for config in jobs(folder, *overrides):
         job = stages.find(config)
         assert job is not None
-        for path in (job.control / "runs.csv", job.train / "validation.csv", job.train / "weights.safetensors"):
+        for path in (
+            job.control[0] / "runs.csv",
+            job.train[0] / "validation.csv",
+            job.train[0] / "weights.safetensors",
+        ):
             found.append((str(path.relative_to(folder)), path.read_bytes()))
     return found
 
@@ -217,7 +229,7 @@ def test_a_single_setting_shares_what_a_sweep_has_made(swept: Path) -> None:
     after = contents(swept / "store")
     assert {name: after[name] for name in before} == before
     assert {Path(name).parts[0] for name in set(after) - set(before)} == {"control"}
-    table = pd.read_csv(found(swept, *overrides).control / "runs.csv")
+    table = pd.read_csv(found(swept, *overrides).control[0] / "runs.csv")
     assert set(table["planner"]) == {"gradient"} and set(table["context_size"]) == {1} and len(table) == 8
 
 
@@ -226,7 +238,7 @@ def test_stages_do_not_depend_on_what_ran_before(swept: Path, tmp_path: Path) ->
     (config,) = jobs(tmp_path, "planner=cem", "model.context_size=1")
     job = stages.run(config)
     assert tables(tmp_path, "model.context_size=1") == tables(swept, "model.context_size=1")
-    for name, folder in (("dataset.npz", job.data), ("maps.npz", job.map), ("trajectories.npz", job.control)):
+    for name, folder in (("dataset.npz", *job.data), ("maps.npz", *job.map), ("trajectories.npz", *job.control)):
         own = np.load(folder / name)
         other = np.load(swept / folder.relative_to(tmp_path) / name)
         assert set(own) == set(other)
@@ -286,19 +298,19 @@ def test_reference_models_are_controlled_without_training(swept: Path, tmp_path:
     (tmp_path / "reference").mkdir()
     (tmp_path / "reference" / "train").symlink_to(swept / "store" / "train")
     job = stages.run(config)
-    assert not (tmp_path / "store" / "train").exists() and (tmp_path / "reference") in job.train.parents
+    assert not (tmp_path / "store" / "train").exists() and (tmp_path / "reference") in job.train[0].parents
     trained = found(swept, "model.context_size=1")
-    assert (job.control / "runs.csv").read_bytes() == (trained.control / "runs.csv").read_bytes()
-    assert job.control.name != trained.control.name
+    assert (job.control[0] / "runs.csv").read_bytes() == (trained.control[0] / "runs.csv").read_bytes()
+    assert job.control != trained.control
 
 
 def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
     """Computed again from the trajectories, one member and run at a time, with a map and exact look-ups made anew."""
     (config,) = jobs(swept, "planner=cem", "model.context_size=1")
     job = found(swept, "planner=cem", "model.context_size=1")
-    table = pd.read_csv(job.control / "runs.csv")
-    whole = restore(Stack(config.model, 1, config.seeds), job.train / "weights.safetensors")
-    with np.load(job.control / "trajectories.npz") as arrays:
+    table = pd.read_csv(job.control[0] / "runs.csv")
+    whole = restore(Stack(config.model, 1, config.seeds), job.train[0] / "weights.safetensors")
+    with np.load(job.control[0] / "trajectories.npz") as arrays:
         positions = torch.from_numpy(arrays["position"])
     painted = AffordanceMap.paint(whole, [config.control_layout.map], config.lookup.spacing)
     exact = ExactLookup(whole, [config.control_layout.map])
@@ -319,7 +331,7 @@ def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_setting
     for size in (0, 1):
         (config,) = jobs(tmp_path, *overrides, f"model.context_size={size}")
         job = stages.run(config)
-        flown = [Layout.checked(layout, "here") for layout in json.loads((job.control / "layouts.json").read_text())]
+        flown = [Layout.checked(layout, "here") for layout in json.loads((job.control[0] / "layouts.json").read_text())]
         assert flown == expected and len({layout.map for layout in flown}) == 8
         results = Results((job,))
         assert results.layouts == ["procedural_few_easy"] and results.map_world(job).name == "four_properties"
@@ -337,8 +349,8 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
     result = command(tmp_path, *overrides)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "exp3_growth: all 1 settings are complete" in result.stdout
-    asked = run._sweep([*line(tmp_path), *overrides])
-    whole = run._found(asked)
+    asked = Sweep.read([*line(tmp_path), *overrides])
+    whole = reporting._found(asked)
     results = whole.results
     assert whole.missing == "" and results.growth is not None and len(results.jobs) == 1
     maps = results.growth_maps
@@ -353,13 +365,13 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
 def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
     """On request only: the two settings of three that are complete, and a sentence about the third."""
     wanted = [*line(swept), "planner=cem", "model.context_size=0,1,3"]
-    part = run._found(run._sweep([*wanted, "report.partial=true"]))
+    part = reporting._found(Sweep.read([*wanted, "report.partial=true"]))
     assert [job.context_size for job in part.jobs] == [0, 1]
-    assert part.missing == "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u)"
+    assert part.missing == "1 of 3 settings are not complete (model.context_size=3)"
     with pytest.raises(ConfigError, match="1 of 3 settings are not complete"):
-        run._found(run._sweep(wanted))
+        reporting._found(Sweep.read(wanted))
     with pytest.raises(ConfigError, match="1 of 1 settings are not complete"):
-        run._found(run._sweep([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
+        reporting._found(Sweep.read([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
 
 
 def test_one_factor_at_a_time(
@@ -395,7 +407,7 @@ def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
     for entry in ("affmap-report", "affmap-publish"):
         assert in_process(monkeypatch, entry, line(swept, "model.context_size=0,1,3")) == 2
         assert (
-            "1 of 3 settings are not complete (original, context size 3, cem, map of 0.25 u); run `affmap scale=smoke"
+            "1 of 3 settings are not complete (model.context_size=3); run `affmap scale=smoke"
             in capsys.readouterr().err
         )
     assert contents(swept) == before
@@ -432,8 +444,9 @@ def test_publishing_keeps_report_and_models(
     }
     for config in jobs(swept, *SWEEP):
         folder = f"store/train/{config.train_stage.digest}"
-        for name in ("weights.safetensors", "validation.csv", "provenance.json"):
+        for name in ("weights.safetensors", "validation.csv"):
             assert (kept / folder / name).read_bytes() == (swept / folder / name).read_bytes()
+        assert Store(kept / "store").find(config.train_stage) == kept / folder
     assert len(files) == 4 + 2 * 3
 
 

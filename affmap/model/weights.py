@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from safetensors.torch import load_file, save_file
+from torch import Tensor
 
 from affmap.model.stack import Stack
 
@@ -12,9 +13,14 @@ SNAPSHOT = "weights-epoch-{epoch}.safetensors"
 """Weights kept during training."""
 
 
-def save(stack: Stack, path: Path) -> None:
-    """Write the weights of a stack, `[M, ...]` each."""
-    save_file({name: tensor.detach().cpu().contiguous() for name, tensor in stack.state_dict().items()}, path)
+def copy(stack: Stack) -> dict[str, Tensor]:
+    """The weights of a stack as they are now, `[M, ...]` each."""
+    return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in stack.state_dict().items()}
+
+
+def save(weights: dict[str, Tensor], path: Path) -> None:
+    """Write weights to a file."""
+    save_file(weights, path)
 
 
 def restore(stack: Stack, path: Path) -> Stack:

@@ -12,9 +12,10 @@ from typing import Any
 
 import pandas as pd
 
+from affmap.provenance import PROVENANCE
 from affmap.report import figures, statistics
 from affmap.report.metrics import METRICS
-from affmap.report.provenance import PROVENANCE, differences, leaves
+from affmap.report.provenance import differences, leaves
 from affmap.report.records import PLANNERS, Job
 from affmap.report.statistics import Verdict
 from affmap.report.tables import Results, read_runs, score_matrix, write_csv, write_runs
@@ -80,7 +81,8 @@ def check(output: Path, jobs: Sequence[Job], key: str) -> None:
 
 
 def _record(jobs: Sequence[Job], key: str) -> str:
-    return json.dumps({"compare": key, "control": [job.control.name for job in jobs]}, indent=1) + "\n"
+    stages = [folder.name for job in jobs for folder in job.control]
+    return json.dumps({"compare": key, "control": stages}, indent=1) + "\n"
 
 
 def _with_loss(job: Job) -> pd.DataFrame:
@@ -109,7 +111,7 @@ def value_of(job: Job, key: str) -> Any:
 
 def _values(job: Job) -> dict[str, Any]:
     """What the runs of a job depend on, by dotted key."""
-    return leaves(Results((job,)).provenance[job.control]["config"])
+    return leaves(Results((job,)).provenance[job.control[0]]["config"])
 
 
 def _check(jobs: Sequence[Job], key: str) -> None:

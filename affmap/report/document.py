@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from affmap.provenance import PROVENANCE
 from affmap.report import blocks, captions, claims, comparison, content, figures, provenance, rendering
 from affmap.report.claims import Score
 from affmap.report.groups import make_groups
-from affmap.report.provenance import PROVENANCE
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv, write_runs
 from affmap.settings import ConfigError

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from affmap.provenance import PROVENANCE
 from affmap.report import blocks, captions, claims, content, provenance, rendering, sentences
 from affmap.report.blocks import Block
 from affmap.report.claims import Score
 from affmap.report.document import HERE, check, code, deviations, is_written, write_text
-from affmap.report.provenance import PROVENANCE
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv
 from affmap.report.text import NOTHING, number, p_value, points

@@ -10,9 +10,6 @@ from affmap.report.records import STAGES
 from affmap.report.tables import Results
 from affmap.report.text import NOTHING, points
 
-PROVENANCE = "provenance.json"
-"""File of a stage and of a report."""
-
 _SHARED = ("versions", "git", "machine", "command")
 """What most stages of a sweep agree on: its distinct values are listed once."""
 
@@ -46,7 +43,7 @@ def summarize(results: Results) -> dict[str, Any]:
         stages.append({**entry, "differs": differences(config, base)})
     jobs = [
         {"context_size": job.context_size, "planner": job.planner, "layout": job.layout}
-        | {stage: records[getattr(job, stage)]["digest"] for stage in STAGES}
+        | {stage: [records[folder]["digest"] for folder in getattr(job, stage)] for stage in STAGES}
         for job in results.jobs
     ]
     return {
@@ -68,7 +65,7 @@ def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
     values: dict[str, Any] = {}
     for results in reports:
         for job in results.jobs:
-            config = results.provenance[job.control]["config"]
+            config = results.provenance[job.control[0]]["config"]
             named = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
             # So that a point can be about an effect, and is left out where no circle has it.
             layouts = [*config["training_layouts"], config["control_layout"]]

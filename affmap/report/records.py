@@ -22,17 +22,20 @@ Floats = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Job:
-    """One setting of the sweep, and the folders of its completed stages."""
+    """One setting of the sweep, and the folders of its completed stages.
+
+    There is one of each kind, or one for each of the jobs that its members were divided among, in the members' order.
+    """
 
     context_size: int
     planner: str
     """`cem` (evolutionary, EB) or `gradient` (GB)."""
     layout: str
     """Name of the layout that was flown in."""
-    data: Path
-    train: Path
-    map: Path
-    control: Path
+    data: tuple[Path, ...]
+    train: tuple[Path, ...]
+    map: tuple[Path, ...]
+    control: tuple[Path, ...]
 
     def __post_init__(self) -> None:
         if self.planner not in PLANNERS:

@@ -7,14 +7,19 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 
+from affmap.provenance import PROVENANCE, canonical
 from affmap.report.records import PLANNERS, STAGES, Exploration, Job, Maps, Trajectories, World
 from affmap.settings import ConfigError
+
+VALIDATION = "validation.csv"
+"""File of a training: its losses."""
 
 LAYOUTS = "layouts.json"
 """File of a control stage: the layout of each run."""
@@ -104,10 +109,11 @@ class Results:
         """
         folders: dict[Path, Job] = {}
         for job in self.jobs:
-            folders.setdefault(job.train, job)
+            for folder in job.train:
+                folders.setdefault(folder, job)
         tables = []
         for folder, job in folders.items():
-            table = _read_table(folder / "validation.csv", VALIDATION_COLUMNS)
+            table = _read_table(folder / VALIDATION, VALIDATION_COLUMNS)
             tables.append(table.assign(layout=job.layout, context_size=job.context_size))
         columns = ["layout", "context_size", *VALIDATION_COLUMNS]
         return pd.concat(tables)[columns].sort_values(["layout", "context_size", "member", "epoch"], ignore_index=True)
@@ -123,12 +129,8 @@ class Results:
 
         Without a layout: of all jobs' first one.
         """
-        folders = {
-            size: job.map
-            for size in self.context_sizes
-            if size > 0 and (job := self.job(size, layout=layout)) is not None
-        }
-        return {size: self._read_maps(folder) for size, folder in folders.items()}
+        jobs = {size: self.job(size, layout=layout) for size in self.context_sizes if size > 0}
+        return {size: self._read_maps(job.map) for size, job in jobs.items() if job}
 
     @property
     def growth_maps(self) -> Maps | None:
@@ -136,45 +138,91 @@ class Results:
         return self._read_maps(self.growth.map) if self.growth else None
 
     @cached_property
-    def _read_maps(self) -> Callable[[Path], Maps]:
-        return cache(lambda folder: _read_arrays(Maps, folder / "maps.npz"))
+    def _read_maps(self) -> Callable[[tuple[Path, ...]], Maps]:
+        return cache(read_maps)
 
     @cached_property
     def exploration(self) -> Exploration:
         """Where the data set of the first job has been."""
-        return _read_arrays(Exploration, self.jobs[0].data / "coverage.npz")
+        return _read_arrays(Exploration, self.jobs[0].data[0] / "coverage.npz")
 
     def map_world(self, job: Job) -> World:
         """The world whose maps a job has painted."""
-        config = self.provenance[job.map]["config"]
+        config = self.provenance[job.map[0]]["config"]
         return World.of(config["map_layout"], config["vehicle"])
 
     def training_worlds(self, job: Job) -> list[World]:
         """The worlds that a job's data come from."""
-        config = self.provenance[job.data]["config"]
+        config = self.provenance[job.data[0]]["config"]
         return [World.of(layout, config["vehicle"]) for layout in config["training_layouts"]]
 
     def worlds(self, job: Job) -> list[World]:
         """The world of each of a job's B runs."""
-        config = self.provenance[job.control]["config"]
-        layouts = json.loads((job.control / LAYOUTS).read_text("utf-8"))
-        return [World.of(layout, config["vehicle"]) for layout in layouts]
+        config = self.provenance[job.control[0]]["config"]
+        flown = [json.loads((folder / LAYOUTS).read_text("utf-8")) for folder in job.control]
+        return [World.of(layout, config["vehicle"]) for layouts in flown for layout in layouts]
 
     def trajectories(self, job: Job) -> Trajectories:
         """What control recorded in one setting."""
-        return _read_arrays(Trajectories, job.control / "trajectories.npz")
+        parts = [_read_arrays(Trajectories, folder / "trajectories.npz") for folder in job.control]
+        return Trajectories(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     @cached_property
     def provenance(self) -> dict[Path, dict[str, Any]]:
         """Stage folder -> what it says about its origin; in the order of the stages."""
         jobs = [*self.jobs, *([self.growth] if self.growth else [])]
-        folders = dict.fromkeys(getattr(job, stage) for stage in STAGES for job in jobs)
-        return {folder: json.loads((folder / "provenance.json").read_text("utf-8")) for folder in folders}
+        folders = dict.fromkeys(folder for stage in STAGES for job in jobs for folder in getattr(job, stage))
+        return {folder: _read_provenance(folder) for folder in folders}
+
+
+def join(jobs: Sequence[Job]) -> tuple[Job, ...]:
+    """Put those jobs together that are one setting, whose members were divided among them.
+
+    Raises:
+        ConfigError: a member is in two of them.
+    """
+    settings: dict[str, list[tuple[range, Job]]] = {}
+    for job in jobs:
+        configs = [_read_provenance(folder)["config"] for folder in (*job.map, *job.control)]
+        rest = [{key: value for key, value in config.items() if key not in ("seed", "members")} for config in configs]
+        seed, members = configs[-1]["seed"], configs[-1]["members"]
+        settings.setdefault(canonical(rest), []).append((range(seed, seed + members), job))
+    return tuple(_joined(parts) for parts in settings.values())
+
+
+def _joined(parts: Sequence[tuple[range, Job]]) -> Job:
+    ordered = sorted(parts, key=lambda part: part[0].start)
+    for (members, _), (others, _) in pairwise(ordered):
+        if others.start < members.stop:
+            raise ConfigError(
+                f"member {others.start} is in two jobs (seed={members.start} members={len(members)} and "
+                f"seed={others.start} members={len(others)}); a report counts each member once."
+            )
+    first = ordered[0][1]
+    folders = [tuple(folder for _, job in ordered for folder in getattr(job, stage)) for stage in STAGES]
+    return Job(first.context_size, first.planner, first.layout, *folders)
 
 
 def read_runs(job: Job) -> pd.DataFrame:
     """The runs of a job, one a row, columns `RUN_COLUMNS`."""
-    return _read_table(job.control / "runs.csv", RUN_COLUMNS).astype({"steps_to_reach": "Int64"})
+    table = pd.concat([_read_table(folder / "runs.csv", RUN_COLUMNS) for folder in job.control], ignore_index=True)
+    return table.astype({"steps_to_reach": "Int64"})
+
+
+def read_maps(folders: Sequence[Path]) -> Maps:
+    """The affordance maps of all members."""
+    parts = [_read_arrays(Maps, folder / "maps.npz") for folder in folders]
+    return parts[0]._replace(
+        codes=np.concatenate([part.codes for part in parts]),
+        initial_codes=np.concatenate([part.initial_codes for part in parts]),
+        snapshot_codes=np.concatenate([part.snapshot_codes for part in parts], axis=1 if len(parts[0].epochs) else 0),
+        member=np.concatenate([part.member for part in parts]),
+    )
+
+
+def _read_provenance(folder: Path) -> dict[str, Any]:
+    record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
+    return record
 
 
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:

@@ -1,23 +1,29 @@
 """One training from start to end: Lightning's loop, checkpoints to resume from, snapshots, the table of losses.
 
-Everything goes into one folder; called again with the folder of an interrupted training, it goes on from there.
+Called again with the checkpoints of an interrupted training, it goes on from there.
 """
 
 import logging
-import os
+import signal
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import lightning
 import pandas as pd
+from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from lightning.pytorch.callbacks import Checkpoint
+from torch import Tensor
 
 from affmap.data.module import DataModule
+from affmap.files import sha256, written
 from affmap.model.stack import Stack
-from affmap.model.weights import SNAPSHOT, WEIGHTS, save
+from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
+
+log = logging.getLogger("affmap")
 
 VALIDATION = "validation.csv"
 
@@ -25,21 +31,48 @@ VALIDATION = "validation.csv"
 class _Epochs(Checkpoint):
     """After each epoch: a snapshot where one is wanted, a checkpoint, and word of how far the training is.
 
-    Lightning calls its kind of callback after the module's own hook, when the losses of the epoch are noted.
+    Lightning calls its kind of callback after the module's own hook, when the losses of the epoch are noted. Snapshots
+    are part of the checkpoint, so that a single file holds all that an interrupted training needs.
     """
 
-    def __init__(self, checkpoint: Path, snapshots: set[int], on_epoch: Callable[[int], None]) -> None:
-        self._checkpoint, self._snapshots, self._on_epoch = checkpoint, snapshots, on_epoch
+    def __init__(self, checkpoints: Path, snapshot_epochs: set[int], on_epoch: Callable[[int], None]) -> None:
+        self._checkpoints, self._snapshot_epochs, self._on_epoch = checkpoints, snapshot_epochs, on_epoch
+        self.snapshots: dict[int, dict[str, Tensor]] = {}
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"snapshots": self.snapshots}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.snapshots = state_dict["snapshots"]
 
     def on_train_epoch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         epoch = trainer.current_epoch + 1
-        if epoch in self._snapshots:
+        if epoch in self._snapshot_epochs:
             assert isinstance(pl_module, TrainingModule)
-            save(pl_module.stack, self._checkpoint.with_name(SNAPSHOT.format(epoch=f"{epoch:03d}")))
-        partial = self._checkpoint.with_suffix(".partial")
-        trainer.save_checkpoint(partial)
-        os.replace(partial, self._checkpoint)  # a kill at any moment leaves a whole one
+            self.snapshots[epoch] = copy(pl_module.stack)
+        keep(self._checkpoints, trainer.save_checkpoint)
         self._on_epoch(epoch)
+
+
+def keep(checkpoints: Path, save: Callable[[Path], None]) -> None:
+    """Put a checkpoint into a folder, named by its own digest, and remove the one before."""
+    temporary = checkpoints / "checkpoint.tmp"
+    save(temporary)
+    digest = sha256(temporary)
+    with written(checkpoints / f"{digest}.ckpt") as place:
+        temporary.replace(place)
+    for old in checkpoints.glob("*.ckpt"):
+        if old.stem != digest:
+            old.unlink()
+
+
+def last(checkpoints: Path) -> Path | None:
+    """The last whole checkpoint in a folder, or None; damaged ones are passed over with a warning."""
+    for path in sorted(checkpoints.glob("*.ckpt"), key=lambda path: path.stat().st_mtime_ns, reverse=True):
+        if sha256(path) == path.stem:
+            return path
+        log.warning("%s is damaged; without it, more of the training is done again.", path)
+    return None
 
 
 def fit(
@@ -47,13 +80,14 @@ def fit(
     data: DataModule,
     settings: TrainingSettings,
     folder: Path,
+    checkpoints: Path,
     on_epoch: Callable[[int], None] = lambda epoch: None,
 ) -> None:
     """Train `stack` and write `weights.safetensors`, snapshots and `validation.csv` into `folder`.
 
-    A checkpoint after each epoch (`last.ckpt`, removed at the end) is what an interrupted training resumes from, with
-    the result that it would have had (on a GPU, which adds in no fixed order: to rounding). `on_epoch` is called with
-    the number of epochs done.
+    A checkpoint after each epoch, in the folder `checkpoints`, is what an interrupted training resumes from, with the
+    result that it would have had (on a GPU, which adds in no fixed order: to rounding). `on_epoch` is called with the
+    number of epochs done.
     """
     # Lightning greets, advises and says good-bye; it warns of its own use of a renamed class of PyTorch, and of data
     # read without helpers (all of it is in memory).
@@ -61,22 +95,30 @@ def fit(
     warnings.filterwarnings("ignore", message=".*LeafSpec.* is deprecated")
     warnings.filterwarnings("ignore", message=".*does not have many workers")
     module = TrainingModule(stack, settings)
-    checkpoint = folder / "last.ckpt"
+    epochs = _Epochs(checkpoints, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch)
     trainer = lightning.Trainer(
         accelerator=settings.accelerator,
         devices=1,
+        plugins=[LightningEnvironment()],  # in a cluster's job, too, a training is a single process
         max_epochs=settings.num_epochs,
         reload_dataloaders_every_n_epochs=1,  # each epoch has an order of its own
         num_sanity_val_steps=0,
         logger=False,
         enable_progress_bar=False,
         enable_model_summary=False,
-        callbacks=[_Epochs(checkpoint, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch)],
+        callbacks=[epochs],
     )
-    trainer.fit(module, data, ckpt_path=checkpoint if checkpoint.exists() else None)
-    save(stack, folder / WEIGHTS)
+    try:
+        trainer.fit(module, data, ckpt_path=last(checkpoints), weights_only=True)
+    except SystemExit as leaving:
+        if isinstance(leaving.__context__, KeyboardInterrupt):  # Lightning makes an exit of it, and goes deaf for more
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            raise KeyboardInterrupt from None
+        raise
+    for epoch, weights in epochs.snapshots.items():
+        save(weights, folder / SNAPSHOT.format(epoch=f"{epoch:03d}"))
+    save(copy(stack), folder / WEIGHTS)
     losses(module).to_csv(folder / VALIDATION, index=False, float_format="%.6f")
-    checkpoint.unlink()
 
 
 def losses(module: TrainingModule) -> pd.DataFrame:

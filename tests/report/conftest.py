@@ -153,12 +153,12 @@ def _write_job(
     )
 
 
-def _ensure(root: Path, stage: str, config: dict[str, Any], write: Callable[[Path], None]) -> Path:
+def _ensure(root: Path, stage: str, config: dict[str, Any], write: Callable[[Path], None]) -> tuple[Path]:
     """The folder of a stage, named by its configuration; written where it is missing."""
     digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
     folder = root / stage / digest
     if folder.exists():
-        return folder
+        return (folder,)
     folder.mkdir(parents=True)
     provenance = {
         "stage": stage,
@@ -174,7 +174,7 @@ def _ensure(root: Path, stage: str, config: dict[str, Any], write: Callable[[Pat
     }
     (folder / "provenance.json").write_text(json.dumps(provenance))
     write(folder)
-    return folder
+    return (folder,)
 
 
 @cache

@@ -19,9 +19,9 @@ from affmap.data.collect import Exploration, collect
 from affmap.data.module import DataModule, read
 from affmap.env import Layout, Vehicle
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.weights import restore, save
+from affmap.model.weights import copy, restore, save
 from affmap.random import generator
-from affmap.training.fit import fit
+from affmap.training.fit import fit, keep, last
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 
@@ -58,9 +58,10 @@ def train(
     settings: TrainingSettings = SETTINGS,
     on_epoch: Callable[[int], None] = lambda epoch: None,
 ) -> Path:
-    folder.mkdir(exist_ok=True)
+    checkpoints = folder / "checkpoints"
+    checkpoints.mkdir(parents=True, exist_ok=True)
     data = DataModule(dataset, EXPLORATION, settings.batch_size, settings.chunk_length)
-    fit(stack(seeds), data, settings, folder, on_epoch)
+    fit(stack(seeds), data, settings, folder, checkpoints, on_epoch)
     return folder
 
 
@@ -77,8 +78,9 @@ FILES = {"weights.safetensors", "validation.csv", *(f"weights-epoch-00{epoch}.sa
 
 
 def assert_same(folder: Path, undisturbed: Path) -> None:
-    """The same files with the same bytes; no checkpoint, nothing half-written."""
-    assert {path.name for path in folder.iterdir()} == {path.name for path in undisturbed.iterdir()} == FILES
+    """The same files with the same bytes, and a single checkpoint."""
+    assert {path.name for path in folder.iterdir()} == {*FILES, "checkpoints"}
+    assert len(list((folder / "checkpoints").iterdir())) == 1
     for name in FILES:
         assert (folder / name).read_bytes() == (undisturbed / name).read_bytes(), name
 
@@ -94,7 +96,7 @@ def test_a_gpu_trains_what_the_cpu_trains(dataset: Path, undisturbed: Path, tmp_
 
 def test_snapshots_are_of_the_epochs_named_and_the_last(dataset: Path, undisturbed: Path, tmp_path: Path) -> None:
     """A training that ends after two epochs has the weights of the snapshot; the last snapshot is the result."""
-    assert {path.name for path in undisturbed.iterdir()} == FILES
+    assert {path.name for path in undisturbed.iterdir()} == {*FILES, "checkpoints"}
     short = train(dataset, tmp_path, settings=SETTINGS.model_copy(update={"num_epochs": 2}))
     for name, weight in weights(short / "weights.safetensors").items():
         assert torch.equal(weight, weights(undisturbed / "weights-epoch-002.safetensors")[name])
@@ -203,9 +205,9 @@ def test_a_training_killed_once_or_twice_gives_what_it_would_have(
 ) -> None:
     """Undisturbed training, bit by bit; killed in the first epoch, in the middle of the third, and once more."""
     killed(dataset, tmp_path, monkeypatch, 5)
-    assert not (tmp_path / "last.ckpt").exists()
+    assert not list(tmp_path.glob("checkpoints/*"))
     killed(dataset, tmp_path, monkeypatch, 2 * BATCHES_PER_EPOCH + 5)
-    assert {path.name for path in tmp_path.iterdir()} >= {"last.ckpt"}
+    assert len(list(tmp_path.glob("checkpoints/*.ckpt"))) == 1
     killed(dataset, tmp_path, monkeypatch, BATCHES_PER_EPOCH + 1)  # now in the fourth
     epochs: list[int] = []
     train(dataset, tmp_path, on_epoch=epochs.append)
@@ -213,14 +215,14 @@ def test_a_training_killed_once_or_twice_gives_what_it_would_have(
     assert_same(tmp_path, undisturbed)
 
 
-@pytest.mark.parametrize("last", [1, 3, 4])
+@pytest.mark.parametrize("done", [1, 3, 4])
 def test_a_training_killed_between_epochs_gives_what_it_would_have(
-    dataset: Path, undisturbed: Path, tmp_path: Path, last: int
+    dataset: Path, undisturbed: Path, tmp_path: Path, done: int
 ) -> None:
     """Undisturbed training, bit by bit; also when the last epoch was done, and when the folder was moved since."""
 
     def stop(epoch: int) -> None:
-        if epoch == last:
+        if epoch == done:
             raise Killed
 
     with pytest.raises(Killed):
@@ -229,7 +231,7 @@ def test_a_training_killed_between_epochs_gives_what_it_would_have(
     shutil.move(tmp_path / "here", tmp_path / "there")
     epochs: list[int] = []
     train(dataset, tmp_path / "there", on_epoch=epochs.append)
-    assert epochs == list(range(last + 1, 5))
+    assert epochs == list(range(done + 1, 5))
     assert_same(tmp_path / "there", undisturbed)
 
 
@@ -240,7 +242,7 @@ def test_a_kill_while_the_checkpoint_is_written_costs_an_epoch_at_most(
     write = lightning.Trainer.save_checkpoint
 
     def half(self: lightning.Trainer, path: Path) -> None:
-        if (tmp_path / "last.ckpt").exists():
+        if list(tmp_path.glob("checkpoints/*.ckpt")):
             Path(path).write_bytes(b"PK half a checkpoint")
             raise Killed
         write(self, path)
@@ -253,6 +255,54 @@ def test_a_kill_while_the_checkpoint_is_written_costs_an_epoch_at_most(
     train(dataset, tmp_path, on_epoch=epochs.append)
     assert epochs == [2, 3, 4]
     assert_same(tmp_path, undisturbed)
+
+
+@pytest.mark.parametrize("harm", [lambda content: content[:-100], lambda content: content[:900] + b"?" + content[901:]])
+def test_a_damaged_checkpoint_costs_epochs_and_nothing_else(
+    dataset: Path,
+    undisturbed: Path,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    harm: Callable[[bytes], bytes],
+) -> None:
+    """Truncated, or a byte changed, which PyTorch would not notice: undisturbed training, bit by bit."""
+
+    def stop(epoch: int) -> None:
+        if epoch == 3:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(dataset, tmp_path, on_epoch=stop)
+    (checkpoint,) = tmp_path.glob("checkpoints/*.ckpt")
+    checkpoint.write_bytes(harm(checkpoint.read_bytes()))
+    epochs: list[int] = []
+    train(dataset, tmp_path, on_epoch=epochs.append)
+    assert epochs == [1, 2, 3, 4] and f"{checkpoint} is damaged; without it" in caplog.text
+    assert_same(tmp_path, undisturbed)
+
+
+def test_the_newest_of_two_checkpoints_is_taken(tmp_path: Path) -> None:
+    """As a kill leaves them after the second is written and before the first is removed."""
+    assert last(tmp_path) is None
+    kept = []
+    for content in (b"first", b"second"):
+        keep(tmp_path, lambda path, content=content: path.write_bytes(content))
+        (path,) = tmp_path.iterdir()
+        assert last(tmp_path) == path and path.read_bytes() == content
+        kept.append((path, content))
+    kept[0][0].write_bytes(b"first")
+    os.utime(kept[0][0], ns=(1, 1))
+    assert last(tmp_path) == kept[1][0]
+
+
+def test_a_job_of_a_cluster_is_a_training_like_any_other(
+    dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a job of SLURM, Lightning would look for other processes, and requeue the job itself."""
+    cluster = {"SLURM_JOB_ID": "7", "SLURM_NTASKS": "2", "SLURM_PROCID": "1", "SLURM_NODEID": "0", "SLURM_LOCALID": "1"}
+    for name, value in cluster.items():
+        monkeypatch.setenv(name, value)
+    assert_same(train(dataset, tmp_path), undisturbed)
 
 
 def test_a_kill_while_the_results_are_written_costs_nothing(
@@ -273,19 +323,26 @@ def test_a_kill_while_the_results_are_written_costs_nothing(
     assert_same(tmp_path, undisturbed)
 
 
-def test_ctrl_c_is_no_end_of_a_training(dataset: Path, tmp_path: Path) -> None:
-    """Lightning catches it: it must come out again, and no half-trained weights may look finished."""
+@pytest.mark.parametrize("ending", [KeyboardInterrupt(), SystemExit(143)])
+def test_a_signal_ends_a_training_with_a_checkpoint(
+    dataset: Path, undisturbed: Path, tmp_path: Path, ending: BaseException
+) -> None:
+    """Lightning makes an exit of Ctrl-C and listens no more: it comes out as it went in. No half-trained weights look
+    finished, and what was done until then is not done again."""
 
-    def interrupt(epoch: int) -> None:
-        raise KeyboardInterrupt
+    def end(epoch: int) -> None:
+        if epoch == 2:
+            raise ending
 
     handler = signal.getsignal(signal.SIGINT)
-    try:
-        with pytest.raises((KeyboardInterrupt, SystemExit)):
-            train(dataset, tmp_path, on_epoch=interrupt)
-    finally:
-        signal.signal(signal.SIGINT, handler)
+    with pytest.raises(type(ending)):
+        train(dataset, tmp_path, on_epoch=end)
+    assert signal.getsignal(signal.SIGINT) == handler
     assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "validation.csv").exists()
+    epochs: list[int] = []
+    train(dataset, tmp_path, on_epoch=epochs.append)
+    assert epochs == [3, 4]
+    assert_same(tmp_path, undisturbed)
 
 
 def test_each_epoch_asks_for_its_own_order(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -337,7 +394,7 @@ def test_training_does_not_depend_on_global_randomness(dataset: Path, undisturbe
 def test_saved_weights_come_back(tmp_path: Path) -> None:
     """Bit by bit, into a stack of other seeds; a stack of another shape refuses them."""
     original = stack((1, 2))
-    save(original, tmp_path / "weights.safetensors")
+    save(copy(original), tmp_path / "weights.safetensors")
     other = restore(stack((8, 9)), tmp_path / "weights.safetensors")
     assert not other.training
     for name, weight in original.state_dict().items():

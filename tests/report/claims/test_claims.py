@@ -199,9 +199,9 @@ def test_what_an_untrained_map_shows_already_was_not_learned(write_stages: Write
 
 
 def change_maps(job: Job, change: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]) -> None:
-    with np.load(job.map / "maps.npz") as arrays:
+    with np.load(job.map[0] / "maps.npz") as arrays:
         content = dict(arrays)
-    np.savez(job.map / "maps.npz", **content | change(content))
+    np.savez(job.map[0] / "maps.npz", **content | change(content))
 
 
 # Experiment II
@@ -469,11 +469,11 @@ def test_a_missing_number_has_no_median(fresh: Fresh) -> None:
 
 def test_tables_name_what_is_wrong(stages: dict[str, Results], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="planner is 'mppi'"):
-        Job(0, "mppi", "original", tmp_path, tmp_path, tmp_path, tmp_path)
+        Job(0, "mppi", "original", *[(tmp_path,)] * 4)
     with pytest.raises(ValueError, match="at least one completed setting"):
         Results(())
     with pytest.raises(ValueError, match="tells settings apart by context size, planner and layout"):
         Results(stages["exp1"].jobs[:1] * 2)
     pd.DataFrame({"member": [0]}).to_csv(tmp_path / "runs.csv")
     with pytest.raises(ValueError, match="lacks the columns"):
-        _ = Results((Job(0, "cem", "original", tmp_path, tmp_path, tmp_path, tmp_path),)).runs
+        _ = Results((Job(0, "cem", "original", *[(tmp_path,)] * 4),)).runs

@@ -1,0 +1,163 @@
+"""The commands around reports; all take the overrides of the sweep that they are about.
+
+`affmap-report` draws the report of a sweep, `affmap-paper` puts those of all experiments together, `affmap-publish`
+keeps one in `runs/reference`.
+"""
+
+import json
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+from affmap import sweep
+from affmap.command import command
+from affmap.config import Config
+from affmap.model.weights import SNAPSHOT, WEIGHTS
+from affmap.provenance import PROVENANCE, without_places
+from affmap.report.records import Job
+from affmap.report.tables import VALIDATION, Results, join
+from affmap.settings import ConfigError
+from affmap.stages import find, stages
+from affmap.store import copy_stage
+from affmap.sweep import Sweep
+
+PAPER = ("exp1", "exp2", "exp3", "exp4", "exp5")
+"""The experiments of the paper."""
+
+
+class Found(NamedTuple):
+    """What is complete of a sweep."""
+
+    jobs: tuple[Job, ...]
+    growth: Job | None
+    missing: str
+    """A sentence about what is not complete; empty if all is."""
+
+    @property
+    def results(self) -> Results:
+        """All of it, for a report.
+
+        Raises:
+            ConfigError: settings differ in more than a report tells apart.
+        """
+        return Results(self.jobs, self.growth)
+
+
+def _found(asked: Sweep) -> Found:
+    """What is complete of a sweep.
+
+    Raises:
+        ConfigError: some settings are not complete, and no partial report is wanted; or none is complete.
+        StoreError: a file is damaged.
+    """
+    growth = asked.growth()
+    jobs = [find(config) for config in asked.configs]
+    grown = find(growth.first) if growth else None
+    missing = [label for label, job in zip(asked.labels, jobs, strict=True) if job is None]
+    if growth and grown is None:
+        missing.append(growth.first.name)
+    count = len(jobs) + (growth is not None)
+    said = f"{len(missing)} of {count} settings are not complete ({'; '.join(missing)})" if missing else ""
+    complete = [job for job in jobs if job]
+    if missing and not (asked.first.report.partial and complete):
+        told = " ".join(asked.overrides)
+        raise ConfigError(f"{said}; run `affmap {told}` first.")
+    return Found(join(complete), grown, said)
+
+
+def check_output(asked: Sweep) -> None:
+    """A report is never replaced by one of other results.
+
+    Raises:
+        ConfigError: the output folder holds a report of other stages.
+    """
+    output, growth = asked.first.output, asked.growth()
+    configs = [*asked.configs, *(growth.configs if growth else [])]
+    path = output / PROVENANCE
+    digests = {stage.digest for config in configs for stage in stages(config)}
+    if path.is_file() and not {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} <= digests:
+        raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
+
+
+def report() -> None:
+    """`affmap-report`: draw the report of a complete sweep, or of what there is of it (`report.partial=true`)."""
+    command(lambda arguments: _report(Sweep.read(arguments)))
+
+
+def _report(asked: Sweep) -> None:
+    from affmap.report import comparison, document
+
+    first = asked.first
+    found = _found(asked)
+    notice = "; ".join(filter(None, [first.notice, found.missing and f"PARTIAL: {found.missing.partition(' (')[0]}"]))
+    if first.report.compare:
+        path = comparison.write(first.output, found.jobs, first.report.compare, notice or None)
+        print(f"{path.read_text('utf-8')}\nThe table is {path}")
+        return
+    check_output(asked)
+    command = " ".join(["affmap", *without_places(asked.overrides)])
+    path = document.write(
+        first.output, found.results, first.report, title=first.title, command=command, notice=notice or None
+    )
+    print(f"The report is {path}")
+
+
+def paper() -> None:
+    """`affmap-paper`: one report of all five experiments, from their own reports."""
+    command(lambda arguments: _paper(Sweep.read(arguments)))
+
+
+def _paper(asked: Sweep) -> None:
+    from affmap.report import paper
+
+    parts = []
+    for experiment in PAPER:
+        part = Sweep.read(sweep.instead(asked.overrides, experiment, ("output",)))
+        first = part.first
+        try:
+            found = _found(part)
+        except ConfigError as error:
+            raise ConfigError(f"{experiment}: {error}") from None
+        parts.append(paper.Part(first.title, found.results, first.report, first.output, found.missing))
+    first = asked.first
+    output = first.output.with_name(first.output.name.replace(first.name, "paper"))
+    command = " ".join(["affmap-paper", *without_places(asked.overrides)])
+    print(f"The report is {paper.write(output, parts, command=command, notice=first.notice)}")
+
+
+def publish() -> None:
+    """`affmap-publish`: keep the report and the models of a sweep in `runs/reference`."""
+    command(lambda arguments: _publish(Sweep.read(arguments)))
+
+
+def _publish(asked: Sweep) -> None:
+    from affmap.report import comparison, document
+
+    first = asked.first
+    found = _found(asked)
+    if first.notice:
+        raise ConfigError(f"this is not a result to keep: {first.notice}.")
+    if first.report.compare:
+        comparison.check(first.output, found.jobs, first.report.compare)
+    else:
+        document.check(first.output, found.results)
+    kept = first.reference.parent / first.output.name
+    new = kept.with_suffix(".new")
+    shutil.rmtree(new, ignore_errors=True)
+    # Vector figures are in the PDF, too, and all figures in the page.
+    shutil.copytree(first.output, new, ignore=shutil.ignore_patterns("jobs", "*.pdf", "*.html"))
+    for path in first.output.glob("*.pdf"):
+        shutil.copy(path, new)
+    shutil.rmtree(kept, ignore_errors=True)
+    new.replace(kept)
+    for job in [*found.jobs, *([found.growth] if found.growth else [])]:
+        for train in job.train:
+            _keep(train, first, [SNAPSHOT.format(epoch="*")] if job is found.growth else [])
+    print(f"Kept in {kept} and {first.reference}")
+
+
+def _keep(train: Path, config: Config, also: list[str]) -> None:
+    """Copy what is needed of a training into the reference run's store."""
+    target = config.reference / "train" / train.name
+    if train != target:  # else the models were taken from there
+        copy_stage(train, target, (WEIGHTS, VALIDATION, *also))
