@@ -15,7 +15,7 @@ def written(path: Path) -> Iterator[Path]:
 
     A kill or a power cut at any moment leaves either the old file or the new one.
     """
-    temporary = path.with_name(f"{path.name}.tmp")
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     yield temporary
     _to_disk(temporary)
     os.replace(temporary, path)

@@ -121,19 +121,22 @@ class Store:
             return found
         final = self.root / stage.name / stage.digest
         final.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(final.with_suffix(".lock")):
-            if found := self.find(stage):  # another job made it while this one waited
-                return found
-            if final.exists():
-                raise StoreError(f"{final} has no {PROVENANCE}: it is damaged; {_remedy(final)}")
-            partial = final.with_suffix(".partial")
-            if not (partial / PROVENANCE).is_file():  # which is the last file of a stage
-                self._build(stage, partial, build)
-            check(partial, stage)
-            shutil.rmtree(Work(partial).scratch, ignore_errors=True)
-            os.replace(partial, final)
-            final.with_suffix(".lock").unlink(missing_ok=True)
-        return final
+        lock = final.with_suffix(".lock")
+        with _locked(lock):
+            if not self.has(stage):  # else another job made it while this one waited
+                self._complete(stage, final, build)
+            lock.unlink(missing_ok=True)
+        return self.find(stage) or final
+
+    def _complete(self, stage: Stage, final: Path, build: Callable[[Work], None]) -> None:
+        if final.exists():
+            raise StoreError(f"{final} has no {PROVENANCE}: it is damaged; {_remedy(final)}")
+        partial = final.with_suffix(".partial")
+        if not (partial / PROVENANCE).is_file():  # which is the last file of a stage
+            self._build(stage, partial, build)
+        check(partial, stage)
+        shutil.rmtree(Work(partial).scratch, ignore_errors=True)
+        os.replace(partial, final)
 
     def _build(self, stage: Stage, partial: Path, build: Callable[[Work], None]) -> None:
         if before := last_attempt(partial):
@@ -246,7 +249,7 @@ def _is_full(root: Path, error: Exception) -> bool:
     """Whether an error comes from a full disk; libraries tell that in ways of their own."""
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         return True
-    return shutil.disk_usage(root).free < 2**16
+    return root.exists() and shutil.disk_usage(root).free < 2**16
 
 
 @contextmanager

@@ -1,0 +1,237 @@
+"""Whatever happens to a sweep, the same command ends with the tables of an undisturbed one, or says what to do.
+
+A real sweep at the tiniest scale, run by the real command; every job in a process forked from one that has imported
+everything, so that a run takes a second.
+"""
+
+import multiprocessing
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from affmap import run, stages, status
+from affmap.store import StoreError
+from affmap.sweep import Sweep
+
+LINE = [
+    "scale=smoke",
+    "members=1",
+    "data.num_sequences=4",
+    "data.num_validation=1",
+    "data.num_steps=12",
+    "training.num_epochs=4",
+    "training.snapshot_epochs=[2]",
+    "control.num_steps=3",
+    "planner.num_iterations=1",
+    "report.map_spacing=0.5",
+    "lookup.spacing=0.5",
+    "model.context_size=0,1",
+    "hydra.launcher.n_jobs=1",
+]
+NUM_KILLS = 100
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(["affmap.run", "affmap.training.fit", "affmap.control.episodes", "joblib"])
+
+
+def line(folder: Path) -> list[str]:
+    return [*LINE, f"store={folder / 'store'}", f"reference={folder / 'reference'}", f"output={folder / 'output'}"]
+
+
+def affmap(folder: Path, overrides: Sequence[str], limit: int | None) -> None:
+    """The command, in a process of its own; no file may be longer than `limit` bytes."""
+    from affmap import run
+
+    os.setsid()
+    output = os.open(folder / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    if limit:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    sys.argv = ["affmap", *line(folder), *overrides]
+    run.main()
+
+
+def start(folder: Path, *overrides: str, limit: int | None = None) -> ForkServerProcess:
+    folder.mkdir(exist_ok=True)
+    process = CONTEXT.Process(target=affmap, args=(folder, overrides, limit))
+    process.start()
+    return process
+
+
+def finish(process: ForkServerProcess) -> int:
+    """The exit status."""
+    process.join(120)
+    assert process.exitcode is not None, "it goes on and on"
+    return process.exitcode
+
+
+def said(folder: Path) -> str:
+    return (folder / "output.txt").read_text()
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    """Every file of the store that holds results: all but where they come from, which tells of times."""
+    files = [path for path in sorted(folder.glob("store/**/*")) if path.is_file() and path.name != "provenance.json"]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a sweep that nothing happened to."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    assert finish(start(folder)) == 0, said(folder)
+    assert len(results(folder)) == 1 * 2 + 2 * 4 + 2 * 1 + 2 * 3
+    return folder
+
+
+def test_a_sweep_killed_at_a_hundred_random_moments_ends_with_the_same_results(
+    undisturbed: Path, tmp_path: Path
+) -> None:
+    """Undisturbed sweep, byte by byte; whenever a sweep is complete, a new one begins."""
+    begin = time.monotonic()
+    assert finish(start(tmp_path / "timed")) == 0
+    seconds = time.monotonic() - begin
+    rng = np.random.default_rng(0)
+    kills, sweeps, folder = 0, 0, tmp_path / "0"
+    where: Counter[str] = Counter()
+    while kills < NUM_KILLS:
+        process = start(folder)
+        process.join(rng.uniform(0.2, 1.0) * seconds)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
+            kills += 1
+            where[next((path.parent.name for path in folder.glob("store/*/*.partial")), "between")] += 1
+            continue
+        assert process.exitcode == 0, said(folder)
+        assert results(folder) == results(undisturbed)
+        sweeps += 1
+        folder = tmp_path / str(sweeps)
+    assert finish(start(folder)) == 0, said(folder)
+    assert results(folder) == results(undisturbed)
+    print(f"{kills} kills ({dict(where)}) in {sweeps + 1} sweeps")
+    assert {"train", "map", "control"} <= where.keys()
+
+
+@pytest.mark.parametrize(("number", "workers"), [(signal.SIGINT, 1), (signal.SIGTERM, 2)])
+def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
+    undisturbed: Path, tmp_path: Path, number: signal.Signals, workers: int
+) -> None:
+    """The console script in the middle of its trainings: the status of the shell's convention, a sentence, no
+    traceback; no process is left, locks are free, the state says how far it is, and the same command goes on."""
+    overrides = [*line(tmp_path), "training.num_epochs=100000", f"hydra.launcher.n_jobs={workers}"]
+    with (tmp_path / "output.txt").open("w") as output:
+        process = subprocess.Popen(
+            [Path(sys.executable).with_name("affmap"), *overrides],
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        )
+    deadline = time.monotonic() + 100
+    while len(list(tmp_path.glob("store/train/*/unfinished/*.ckpt"))) < workers:
+        assert process.poll() is None and time.monotonic() < deadline, said(tmp_path)
+        time.sleep(0.05)
+    os.kill(process.pid, number)
+    assert process.wait(20) == 128 + number
+    assert "the same command goes on from there." in said(tmp_path) and "Traceback" not in said(tmp_path)
+    while subprocess.run(["pgrep", "--session", str(process.pid)], capture_output=True, check=False).stdout:
+        assert time.monotonic() < deadline, "a worker is left"
+        time.sleep(0.1)
+    assert len(list(tmp_path.glob("store/train/*/unfinished/*.ckpt"))) == workers
+    states = [setting.state for setting in status.settings(Sweep.read(overrides))]
+    assert states == ["stopped", "stopped" if workers == 2 else "missing"]
+    assert finish(start(tmp_path)) == 0, said(tmp_path)
+    assert results(tmp_path).items() >= results(undisturbed).items()
+
+
+def test_two_sweeps_at_once_make_everything_once(undisturbed: Path, tmp_path: Path) -> None:
+    """Undisturbed sweep, byte by byte; the logs tell of one exploration, and of two trainings."""
+    processes = [start(tmp_path) for _ in range(2)]
+    assert [finish(process) for process in processes] == [0, 0], said(tmp_path)
+    assert results(tmp_path) == results(undisturbed)
+    assert said(tmp_path).count("exploration of original: 4 sequences") == 1
+    assert said(tmp_path).count("training of 1 members") == 2
+
+
+def damaged(content: bytes, rng: np.random.Generator) -> Iterator[bytes | None]:
+    """A file with a flipped bit, cut short, empty, and gone."""
+    place = int(rng.integers(len(content)))
+    yield content[:place] + bytes([content[place] ^ (1 << int(rng.integers(8)))]) + content[place + 1 :]
+    yield content[:place]
+    yield b""
+    yield None
+
+
+def test_every_damaged_file_of_a_finished_sweep_is_told_with_a_remedy_that_helps(
+    undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each file in four ways: whoever asks for the results is told which it is; the command says so, too, and does
+    nothing. What it advises helps: all is as it was."""
+    folder = tmp_path / "sweep"
+    shutil.copytree(undisturbed, folder)
+    configs = Sweep.read(line(folder)).configs
+    monkeypatch.setattr(sys, "argv", ["affmap", *line(folder)])
+    rng = np.random.default_rng(0)
+    count = 0
+    for path in sorted(path for path in folder.glob("store/**/*") if path.is_file()):
+        content = path.read_bytes()
+        told = f"{path} .*; remove the folder {path.parent} .* and run the same command again"
+        for harmed in damaged(content, rng):
+            count += 1
+            path.unlink() if harmed is None else path.write_bytes(harmed)
+            if harmed is None and path.name == "provenance.json":
+                assert not all(stages.find(config) for config in configs)
+            else:
+                with pytest.raises(StoreError, match=told):
+                    [stages.find(config) for config in configs]
+        path.write_bytes(content[:-2])
+        with pytest.raises(SystemExit, match="1"):
+            run.main()
+        error = capsys.readouterr().err
+        assert re.match(told, error) and "Traceback" not in error
+        path.write_bytes(content)
+    assert results(folder) == results(undisturbed)
+    print(f"{count} damaged files told")
+    for stage in ("data", "train", "map", "control"):
+        shutil.rmtree(next(folder.glob(f"store/{stage}/*")))
+        assert finish(start(folder)) == 0, said(folder)
+        assert results(folder) == results(undisturbed)
+
+
+@pytest.mark.parametrize("limit", [1, 700, 4_000, 20_000])
+def test_a_disk_that_takes_no_more_costs_nothing(undisturbed: Path, tmp_path: Path, limit: int) -> None:
+    """No file may be longer than so many bytes, as on a full disk: the sweep fails, and says so without a traceback on
+    the terminal's error stream; with room again, the same command ends as an undisturbed sweep."""
+    assert finish(start(tmp_path, limit=limit)) == 1
+    assert "File too large" in said(tmp_path) or limit == 1
+    assert finish(start(tmp_path)) == 0, said(tmp_path)
+    assert results(tmp_path) == results(undisturbed)
+
+
+def test_a_full_disk_is_told_and_costs_nothing(undisturbed: Path, tmp_path: Path) -> None:
+    """A real one, of 100 KiB; then it grows."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=100k", "tmpfs", str(folder)], check=False)
+    if mounted.returncode:
+        pytest.skip("a file system of a given size can be mounted by the administrator only")
+    try:
+        assert finish(start(folder)) == 1
+        subprocess.run(["mount", "-o", "remount,size=50m", str(folder)], check=True)
+        assert finish(start(folder)) == 0, said(folder)
+        assert results(folder) == results(undisturbed)
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
