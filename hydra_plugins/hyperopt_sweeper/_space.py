@@ -15,11 +15,14 @@ from hydra.core.override_parser.types import (
     Glob,
     IntervalSweep,
     Override,
+    ParsedElementType,
+    Quote,
+    QuotedString,
     RangeSweep,
     Sweep,
     Transformer,
 )
-from hydra.errors import CompactHydraException
+from hydra.errors import CompactHydraException, HydraException
 
 Point = Mapping[str, float]
 """A number for each searched key."""
@@ -202,11 +205,28 @@ def _options(override: Override, sweep: Any, parser: OverridesParser) -> Options
         numbers = tuple(sweep.range())
         return Options(numbers, tuple(map(Transformer.str, numbers)), ordered=True)
     if isinstance(sweep, ChoiceSweep):
-        texts = tuple(map(Transformer.str, sweep.list))  # in their own order, though Hydra was told to shuffle
-        return Options(tuple(parser.parse_override(f"key={text}").value() for text in texts), texts, ordered=False)
+        # In their own order, though Hydra may have been told to shuffle.
+        texts = tuple(_text(option, parser) for option in sweep.list)
+        return Options(tuple(_read(text, parser) for text in texts), texts, ordered=False)
     assert isinstance(sweep, Glob)
     names = tuple(override.sweep_string_iterator())
     return Options(names, names, ordered=False)
+
+
+def _text(option: ParsedElementType, parser: OverridesParser) -> str:
+    """An option as Hydra reads it; a text gets quotes where Hydra would read something else."""
+    text = Transformer.str(option)
+    if isinstance(option, str):
+        try:
+            same = _read(text, parser) == option
+        except HydraException:
+            same = False
+        return text if same else QuotedString(option, Quote.single).with_quotes()
+    return text
+
+
+def _read(text: str, parser: OverridesParser) -> Any:
+    return parser.parse_override(f"key={text}").value()
 
 
 def _equal(one: Any, other: Any) -> bool:

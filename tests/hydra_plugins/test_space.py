@@ -28,8 +28,10 @@ def space_of(*arguments: str, **params: str) -> Space:
         ("int(tag(log,interval(1,20)))", Interval(1, 20, log=True, integer=True)),
         ("choice(0.0,0.1,0.5)", Options((0.0, 0.1, 0.5), ("0.0", "0.1", "0.5"), ordered=False)),
         ("a,b", Options(("a", "b"), ("a", "b"), ordered=False)),
-        ("choice(null,true,1)", Options((None, True, 1), ("null", "True", "1"), ordered=False)),
-        ("choice([1,2],{a:1},'x,y')", Options(([1, 2], {"a": 1}, "x,y"), ("[1,2]", "{a:1}", "'x,y'"), ordered=False)),
+        ("null,true,1", Options((None, True, 1), ("null", "True", "1"), ordered=False)),
+        ("str(choice(1,true))", Options(("1", "true"), ("'1'", "'true'"), ordered=False)),
+        ("[1,2],{a:1},'x,y'", Options(([1, 2], {"a": 1}, "x,y"), ("[1,2]", "{a:1}", "'x,y'"), ordered=False)),
+        ("choice('1','it\\'s')", Options(("1", "it's"), ("'1'", r"'it\'s'"), ordered=False)),
         ("range(1,10,2)", Options((1, 3, 5, 7, 9), ("1", "3", "5", "7", "9"), ordered=True)),
         ("range(3,0,-1)", Options((3, 2, 1), ("3", "2", "1"), ordered=True)),
         ("range(0.5,2)", Options((0.5, 1.5), ("0.5", "1.5"), ordered=True)),
@@ -110,13 +112,8 @@ def test_nothing_to_search_over() -> None:
         space_of("x=1", y="[1,2]")
 
 
-numbers = st.floats(-1e6, 1e6).map(lambda x: round(x, 6))
 intervals = st.builds(
-    lambda low, width, log, integer: f"interval({low},{low + width})",
-    low=numbers,
-    width=st.floats(1e-3, 1e6),
-    log=st.just(False),
-    integer=st.just(False),
+    lambda low, width: f"interval({low},{low + width})", low=st.floats(-1e6, 1e6), width=st.floats(1e-3, 1e6)
 )
 integers = st.builds(
     lambda low, width: f"int(interval({low},{low + width}))", low=st.integers(-99, 99), width=st.integers(1, 99)
@@ -138,14 +135,14 @@ ranges = st.builds(
 element = st.one_of(
     st.integers(-99, 99),
     st.booleans(),
-    st.sampled_from(["null", "abc", "'a,b'", "[1,2]", "{a:1}", "1e-05", "-0.5", "'it\\'s'"]),
+    st.sampled_from(["abc", "'12'", "'a,b'", "[1,2]", "{a:1}", "1e-05", "-0.5", "'it\\'s'"]),
 )
 choices = st.lists(element, min_size=1, max_size=5).map(lambda items: f"choice({','.join(map(str, items))})")
 spaces = st.one_of(intervals, integers, logs, log_integers, ranges, choices)
 
 
 @given(text=spaces, fractions=st.lists(st.floats(0, 1), min_size=1, max_size=4))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 def test_jobs_read_the_values_that_are_recorded(text: str, fractions: list[float]) -> None:
     """Reference: Hydra's own parser, of what the job gets; alone and stacked."""
     space = space_of(f"key={text}")
@@ -165,7 +162,7 @@ def test_jobs_read_the_values_that_are_recorded(text: str, fractions: list[float
     [
         ("interval(0,1)", [0, 1, 0.5], [-1e-9, 1.01, "0.5", True, None, float("nan")]),
         ("int(interval(1,5))", [1, 5, 2.0], [0, 6, 2.5]),
-        ("choice(1,true,null,b)", [1, 1.0, True, None, "b"], [False, 2, "1", "a"]),
+        ("1,true,null,b", [1, 1.0, True, None, "b"], [False, 2, "1", "a"]),
         ("range(0,1,0.1)", [0, 0.3, 0.9], [1.0, 0.35]),
     ],
 )

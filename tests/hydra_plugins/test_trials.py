@@ -108,7 +108,7 @@ def test_the_file_is_plain_json(path: Path) -> None:
 def test_results(tmp_path: Path) -> None:
     """Reference: written by hand, read by the libraries of both formats."""
     write_results(tmp_path, TRIALS, TRIALS[0])
-    rows = list(csv.reader((tmp_path / "results.csv").open(newline="")))
+    rows = list(csv.reader((tmp_path / "results.csv").read_text().splitlines()))
     assert rows == [
         ["trial", "status", "result", "batch_seconds", "x", "z"],
         ["0", "ok", "1e-17", "0.5", "0.30000000000000004", "a"],
