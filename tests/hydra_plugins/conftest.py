@@ -26,8 +26,10 @@ def app(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> App:
         conf = tmp_path / "conf"
         conf.mkdir(exist_ok=True)
         OmegaConf.save(OmegaConf.create(config), conf / "config.yaml")
-        quiet = ["hydra/job_logging=none", "hydra/hydra_logging=none", f"hydra.sweep.dir={folder}"]
-        monkeypatch.setattr(sys, "argv", ["app.py", "-m", "hydra/sweeper=hyperopt", *quiet, *overrides])
+        quiet = ["hydra/job_logging=none", "hydra/hydra_logging=none", "hydra.output_subdir=null"]
+        monkeypatch.setattr(
+            sys, "argv", ["app.py", "-m", "hydra/sweeper=hyperopt", f"hydra.sweep.dir={folder}", *quiet, *overrides]
+        )
         hydra.main(version_base="1.3", config_path=str(conf), config_name="config")(task)()
         return tmp_path / folder
 
