@@ -60,8 +60,8 @@ def test_every_trial_is_recorded_as_the_application_saw_it(app: App, stored: Sto
     assert {path.name for path in folder.iterdir() if path.is_dir()} == {str(number) for number in range(7)}
 
 
-@pytest.mark.parametrize("stacked", [False, True])
-def test_killed_in_each_batch_and_started_again(app: App, stored: Stored, stacked: bool) -> None:
+@pytest.mark.parametrize(("stacked", "direction"), [(False, "maximize"), (True, "minimize")])
+def test_killed_in_each_batch_and_started_again(app: App, stored: Stored, stacked: bool, direction: str) -> None:
     """Reference: the same undisturbed. The first start is killed in the first batch, each other one a batch later."""
     calls, killed_in = 0, 0
 
@@ -72,7 +72,7 @@ def test_killed_in_each_batch_and_started_again(app: App, stored: Stored, stacke
             raise KeyboardInterrupt
         return members(config) if stacked else quadratic(config)
 
-    arguments = [*SPACE, *SMALL, f"hydra.sweeper.stacked={stacked}"]
+    arguments = [*SPACE, *SMALL, f"hydra.sweeper.stacked={stacked}", f"hydra.sweeper.direction={direction}"]
     jobs = 1 if stacked else 3  # of a batch
     folder = app(task, *arguments, folder="whole")
     whole = stored(folder)
