@@ -1,0 +1,206 @@
+"""The sweeper: batches of trials through Hydra's launcher, kept on disk after each.
+
+Hydra imports this at each start of each application, so what imports hyperopt is imported when a search begins.
+"""
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from hydra.core.object_type import ObjectType
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
+from hydra.plugins.launcher import Launcher
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf
+
+from hydra_plugins.hyperopt_sweeper._outcomes import outcomes
+from hydra_plugins.hyperopt_sweeper._space import Point, SearchError, Space, parse
+from hydra_plugins.hyperopt_sweeper._trials import TRIALS, Trial, load, save, write_results
+
+log = logging.getLogger(__name__)
+
+
+class Direction(Enum):
+    """Which results are better."""
+
+    minimize = "minimize"
+    maximize = "maximize"
+
+
+class Algorithm(Enum):
+    """Hyperopt's algorithms."""
+
+    tpe = "tpe"
+    random = "random"
+    anneal = "anneal"
+
+
+@dataclass
+class HyperoptConf:
+    """`hydra.sweeper` with `hydra/sweeper=hyperopt`."""
+
+    _target_: str = "hydra_plugins.hyperopt_sweeper.hyperopt_sweeper.HyperoptSweeper"
+    _convert_: str = "all"
+    direction: Direction = Direction.minimize
+    """Whether small or large results are better."""
+    num_trials: int = 50
+    """Trials of the whole search, those of an earlier start included."""
+    batch_size: int = 1
+    """Trials that are asked for at once and handed to the launcher together."""
+    algorithm: Algorithm = Algorithm.tpe
+    """Tree of Parzen estimators, random search or annealing."""
+    num_startup: int = 20
+    """Trials that tpe draws at random before it models anything, `initial` among them."""
+    seed: int = 0
+    """Where all randomness comes from."""
+    initial: list[dict[str, Any]] = field(default_factory=list)
+    """What to try first: a value of each searched key."""
+    stacked: bool = False
+    """Whether a batch is one job, which gets a list of values for each searched key and returns as many results."""
+    params: dict[str, str] = field(default_factory=dict)
+    """Key -> what to search over, in Hydra's grammar; the command line wins."""
+
+
+ConfigStore.instance().store(group="hydra/sweeper", name="hyperopt", node=HyperoptConf, provider="hyperopt_sweeper")
+
+
+class HyperoptSweeper(Sweeper):
+    """Searches with hyperopt."""
+
+    def __init__(self, **settings: Any) -> None:
+        """Settings are the fields of `HyperoptConf`."""
+        self.settings = HyperoptConf(**settings)
+        self._sign = -1 if self.settings.direction == Direction.maximize else 1
+        self.hydra_context: HydraContext | None = None
+        self.config: DictConfig | None = None
+        self.launcher: Launcher | None = None
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """What Hydra calls first."""
+        self.hydra_context = hydra_context
+        self.config = config
+        self.launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=hydra_context, task_function=task_function, config=config
+        )
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Search, from the trials on disk on.
+
+        Raises:
+            SearchError: the space, the settings or the trials on disk cannot be used; or all trials failed.
+        """
+        from hydra_plugins.hyperopt_sweeper._search import Search
+
+        assert self.config is not None
+        settings = self.settings
+        self._check_counts()
+        space = self._space(arguments)
+        initial = [space.point(values, f"hydra.sweeper.initial[{i}]") for i, values in enumerate(settings.initial)]
+        search = Search(
+            space, settings.algorithm.value, num_startup=settings.num_startup, seed=settings.seed, initial=initial
+        )
+        folder = Path(self.config.hydra.sweep.dir).absolute()
+        path, identity = folder / TRIALS, self._identity(space)
+        trials = load(path, identity)
+        for trial in trials:
+            search.restore(trial.point, self._loss(trial.result))
+        folder.mkdir(parents=True, exist_ok=True)
+        OmegaConf.save(self.config, folder / "multirun.yaml")
+        log.info(
+            f"{len(trials)} of {settings.num_trials} trials are complete; the same command with "
+            f"hydra.sweep.dir={folder} goes on where it stopped."
+        )
+        while len(trials) < settings.num_trials:
+            num = min(settings.batch_size, settings.num_trials - len(trials))
+            batch = self._run(space, [search.ask() for _ in range(num)], first=len(trials))
+            for trial in batch:
+                search.tell(trial.trial, self._loss(trial.result))
+            trials += batch
+            save(path, identity, trials)
+            best = self._best(trials)
+            log.info(f"{len(trials)} of {settings.num_trials} trials are complete; the best is {_told(best)}.")
+        self._finish(folder, trials)
+
+    def _check_counts(self) -> None:
+        for key, least in {"num_trials": 1, "batch_size": 1, "num_startup": 1, "seed": 0}.items():
+            value = getattr(self.settings, key)
+            if value < least:
+                raise SearchError(f"hydra.sweeper.{key} = {value} is not allowed; it should be {least} or more.")
+
+    def _space(self, arguments: Sequence[str]) -> Space:
+        assert self.hydra_context is not None
+        loader = self.hydra_context.config_loader
+        space = parse(OverridesParser.create(loader), self.settings.params, arguments)
+        if self.settings.stacked:
+            for key in space.dimensions:
+                if loader.get_group_options(key.partition("@")[0], ObjectType.CONFIG):
+                    raise SearchError(
+                        f"{key} is a group of configurations, which a job has one of, so it cannot be searched with "
+                        "hydra.sweeper.stacked=true; give it a fixed value, or set stacked to false."
+                    )
+        return space
+
+    def _identity(self, space: Space) -> dict[str, Any]:
+        """What makes trials belong to the same search; how many of them, and in which batches, does not."""
+        settings = self.settings
+        return {
+            "format": 1,
+            "space": {key: str(dimension) for key, dimension in space.dimensions.items()},
+            "fixed": space.fixed,
+            "direction": settings.direction.value,
+            "algorithm": settings.algorithm.value,
+            "num_startup": settings.num_startup,
+            "seed": settings.seed,
+            "initial": settings.initial,
+        }
+
+    def _run(self, space: Space, points: Sequence[Point], first: int) -> list[Trial]:
+        """Run a batch, whose first trial has the number `first`."""
+        assert self.launcher is not None
+        stacked = self.settings.stacked
+        jobs = [space.stacked(points)] if stacked else [space.overrides(point) for point in points]
+        self.validate_batch_is_legal(jobs)
+        start = time.perf_counter()
+        returned = self.launcher.launch(jobs, initial_job_idx=first)
+        seconds = round(time.perf_counter() - start, 3)
+        found = outcomes(returned, len(points), stacked)
+        trials = []
+        for number, (point, outcome) in enumerate(zip(points, found, strict=True), start=first):
+            trials.append(Trial(number, dict(point), space.values(point), outcome.result, outcome.error, seconds))
+            if outcome.error:
+                log.warning(f"Trial {number} failed: {outcome.error}", exc_info=outcome.raised)
+        return trials
+
+    def _loss(self, result: float | None) -> float | None:
+        """What hyperopt minimizes."""
+        return None if result is None else self._sign * result
+
+    def _best(self, trials: Sequence[Trial]) -> Trial | None:
+        complete = [(self._sign * trial.result, trial.trial) for trial in trials if trial.result is not None]
+        return trials[min(complete)[1]] if complete else None
+
+    def _finish(self, folder: Path, trials: Sequence[Trial]) -> None:
+        best = self._best(trials)
+        write_results(folder, trials, best)
+        failed = [trial for trial in trials if trial.status == "fail"]
+        if not best:
+            raise SearchError(
+                f"All {len(trials)} trials failed, the first one with {failed[0].error}; correct the application, "
+                f"remove {folder / TRIALS} and start again."
+            )
+        if failed:
+            log.warning(f"{len(failed)} of {len(trials)} trials failed: {', '.join(str(t.trial) for t in failed)}.")
+        log.info(f"The best is {_told(best)}; all trials are in {folder}.")
+
+
+def _told(trial: Trial | None) -> str:
+    if trial is None:
+        return "not known, because all failed"
+    return f"trial {trial.trial} with {trial.result}: " + ", ".join(f"{k}={v}" for k, v in trial.values.items())
