@@ -22,7 +22,7 @@ from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.report.records import Job
 from affmap.report.tables import Results
 from affmap.settings import ConfigError, folder
-from affmap.stages import check_models, find, run, stages
+from affmap.stages import check_models, check_trials, find, run, stages
 from affmap.store import PROVENANCE, without_places
 
 log = logging.getLogger("affmap")
@@ -151,6 +151,7 @@ def _run_sweep(asked: Sweep) -> None:
         return
     for config in configs:
         check_models(config)
+        check_trials(config)
     given, sys.argv[1:] = sys.argv[1:], [*(["-m"] if sweep.is_sweep(overrides) else []), *overrides]
     _job()
     sys.argv[1:] = given
