@@ -95,7 +95,8 @@ def check_trials(config: Config) -> None:
     Raises:
         ConfigError: they are to be of several trials.
     """
-    for key, values in config.training.per_trial.items():
+    if config.training.num_trials is not None:
+        key, values = next(iter(config.training.per_trial.items()))
         raise ConfigError(
             f"training.{key} = {list(values)} makes a training of {len(values)} trials, which is validated only; "
             "give numbers to paint maps and fly agents."

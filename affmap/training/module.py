@@ -80,17 +80,15 @@ class TrainingModule(lightning.LightningModule):
         self.validation_nll[self.current_epoch] = self._sum / self._count
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """One Adam, a parameter group for each sub-model; where learning rates differ, the group has the largest."""
-        groups, scaled = [], []
-        for part, lr, _ in self._parts():
-            parameters = list(part.parameters())
-            largest = max(lr) if isinstance(lr, tuple) else lr
-            groups.append({"params": parameters, "lr": largest})
-            if isinstance(lr, tuple):
-                scaled.append((parameters, self._per_member(tuple(value / largest for value in lr))))
+        """One Adam, a parameter group for each sub-model; with learning rate 1 where trials have their own."""
+        groups = [
+            {"params": list(part.parameters()), "lr": 1.0 if isinstance(lr, tuple) else lr}
+            for part, lr, _ in self._parts()
+        ]
         optimizer = torch.optim.Adam(groups, betas=(0.9, 0.999), eps=self.settings.adam_eps, fused=True)
-        for parameters, shares in scaled:
-            scale_steps(optimizer, parameters, shares)
+        for part, lr, _ in self._parts():
+            if isinstance(lr, tuple):
+                scale_steps(optimizer, list(part.parameters()), self._per_member(lr))
         return optimizer
 
     def configure_gradient_clipping(self, optimizer: torch.optim.Optimizer, *_: Any, **__: Any) -> None:
@@ -128,11 +126,11 @@ def clip_per_member(gradients: Sequence[Tensor], max_norm: float | Tensor) -> No
         gradient.mul_(scale.view(-1, *[1] * (gradient.ndim - 1)))
 
 
-def scale_steps(optimizer: torch.optim.Adam, parameters: Sequence[Tensor], shares: Tensor) -> None:
-    """Let each member of `parameters`, `[M, ...]` each, make only a share of the steps of `optimizer`.
+def scale_steps(optimizer: torch.optim.Adam, parameters: Sequence[Tensor], factors: Tensor) -> None:
+    """Multiply the steps that `optimizer` makes with `parameters` `[M, ...]` by a factor for each member, `[M]`.
 
-    Adam's step is proportional to its learning rate, and what it remembers does not depend on it: a member with share s
-    is trained with s times the learning rate. `shares` are `[M]`, in (0, 1].
+    The step of Adam is proportional to its learning rate, and what it remembers does not depend on it: so factors are
+    learning rates of the members where the optimiser's is 1.
     """
     before: list[Tensor] = []
 
@@ -141,8 +139,8 @@ def scale_steps(optimizer: torch.optim.Adam, parameters: Sequence[Tensor], share
 
     def scale(*_: Any) -> None:
         for parameter, start in zip(parameters, before, strict=True):
-            share = shares.view(-1, *[1] * (parameter.ndim - 1))
-            parameter.detach().copy_(start.lerp_(parameter.detach(), share))
+            factor = factors.view(-1, *[1] * (parameter.ndim - 1))
+            parameter.detach().copy_(start.lerp_(parameter.detach(), factor))
 
     optimizer.register_step_pre_hook(remember)
     optimizer.register_step_post_hook(scale)
