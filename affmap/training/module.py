@@ -130,7 +130,7 @@ def scale_steps(optimizer: torch.optim.Adam, parameters: Sequence[Tensor], facto
     """Multiply the steps that `optimizer` makes with `parameters` `[M, ...]` by a factor for each member, `[M]`.
 
     The step of Adam is proportional to its learning rate, and what it remembers does not depend on it: so factors are
-    learning rates of the members where the optimiser's is 1.
+    learning rates of the members where the optimiser's is 1. Up to factors of 1 rounding is that of a single step.
     """
     before: list[Tensor] = []
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
 
 from affmap.settings import Settings
 
@@ -14,8 +14,15 @@ def _kind(value: Any) -> str:
     return "trials" if isinstance(value, (list, tuple)) else "number"
 
 
+def _not_empty(values: tuple[float, ...]) -> tuple[float, ...]:
+    if not values:
+        raise ValueError("needs a number, or one for each trial")
+    return values
+
+
 PerTrial = Annotated[
-    Annotated[PositiveFloat, Tag("number")] | Annotated[tuple[PositiveFloat, ...], Field(min_length=1), Tag("trials")],
+    Annotated[PositiveFloat, Tag("number")]
+    | Annotated[tuple[PositiveFloat, ...], AfterValidator(_not_empty), Tag("trials")],
     Discriminator(_kind),  # one kind of value, one sentence about what is wrong with it
 ]
 """A number for all trials, or one for each of R trials."""
