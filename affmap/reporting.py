@@ -15,11 +15,12 @@ from affmap.config import Config
 from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.provenance import PROVENANCE, without_places
 from affmap.report.records import Job
-from affmap.report.tables import VALIDATION, Results, join
+from affmap.report.tables import Results, join
 from affmap.settings import ConfigError
 from affmap.stages import find, stages
 from affmap.store import copy_stage
 from affmap.sweep import Sweep
+from affmap.training.settings import VALIDATION
 
 PAPER = ("exp1", "exp2", "exp3", "exp4", "exp5")
 """The experiments of the paper."""

@@ -17,7 +17,7 @@ from affmap.command import SweepError, command, ended_by_scheduler, flags
 from affmap.config import Config, plain
 from affmap.reporting import check_output
 from affmap.settings import ConfigError, folder
-from affmap.stages import check_models, find, is_complete, run
+from affmap.stages import check_models, check_trials, find, is_complete, run
 from affmap.store import StoreError
 from affmap.sweep import Sweep
 
@@ -50,6 +50,7 @@ def _run_sweep(asked: Sweep) -> None:
         return
     for config in asked.configs:
         check_models(config)
+        check_trials(config)
     asked.note()
     problem = _launch(asked.overrides)
     failed = status.failures(status.settings(asked, check=True))

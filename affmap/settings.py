@@ -77,14 +77,21 @@ def _key(location: Sequence[int | str], values: Any) -> str:
     """The dotted key of a place in `values`."""
     key = ""
     for part in location:
-        if isinstance(values, Mapping) and part not in values and values.get("kind") == part:
-            continue  # pydantic also names the alternative that it chose by `kind`
+        if _is_alternative(part, values):
+            continue
         key += f"[{part}]" if isinstance(part, int) else f".{part}"
         try:
             values = values[part]
         except (KeyError, IndexError, TypeError):
             values = None
     return key.lstrip(".")
+
+
+def _is_alternative(part: int | str, values: Any) -> bool:
+    """Whether pydantic names no key here but the alternative that it chose, by `kind` or by the kind of value."""
+    if isinstance(values, Mapping):
+        return part not in values and values.get("kind") == part
+    return isinstance(part, str)
 
 
 def folder() -> Path:

@@ -10,6 +10,7 @@ from itertools import repeat
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import torch
 
 from affmap.config import Config, label
@@ -27,6 +28,7 @@ from affmap.report.records import Job
 from affmap.report.tables import LAYOUTS
 from affmap.settings import ConfigError
 from affmap.store import Stage, Store
+from affmap.training.settings import VALIDATION
 from affmap.work import Work
 
 log = logging.getLogger("affmap")
@@ -63,16 +65,54 @@ def _job(config: Config, *folders: Path) -> Job:
 
 
 def run(config: Config) -> Job:
-    """Bring all stages of a job to completion; returns where they are."""
+    """Bring all stages of a job to completion; returns where they are.
+
+    Raises:
+        ConfigError: there are no models for it, or models of several trials.
+    """
     check_models(config)
-    torch.set_num_threads(config.threads)
+    check_trials(config)
     store = config.open_store()
-    data = store.ensure(config.data_stage, lambda work: _collect(config, work))
-    train = store.ensure(config.train_stage, lambda work: _train(config, data, work))
+    data, train = _models(config, store)
     painted = store.ensure(config.map_stage, lambda work: _paint(config, train, work))
     controlled = store.ensure(config.control_stage, lambda work: _control(config, train, work))
     log.info("%s: complete", label(config))
     return _job(config, data, train, painted, controlled)
+
+
+def validation(config: Config) -> np.ndarray:
+    """Bring a training to completion, without maps and control; returns the validation NLL at its end.
+
+    `[R]`, one for each trial (a single one without trials), nats: means over members, NaN where a member is lost.
+
+    Raises:
+        ConfigError: there are no models for it.
+    """
+    check_models(config)
+    _, train = _models(config, config.open_store())
+    table = pd.read_csv(train / VALIDATION).query(f"epoch == {config.training.num_epochs}")
+    return table["validation_nll"].to_numpy().reshape(-1, config.members).mean(1)
+
+
+def _models(config: Config, store: Store) -> tuple[Path, Path]:
+    """Bring exploration and training to completion; returns where they are."""
+    torch.set_num_threads(config.threads)
+    data = store.ensure(config.data_stage, lambda work: _collect(config, work))
+    return data, store.ensure(config.train_stage, lambda work: _train(config, data, work))
+
+
+def check_trials(config: Config) -> None:
+    """Make sure that a job's maps and agents are to be of one training.
+
+    Raises:
+        ConfigError: they are to be of several trials.
+    """
+    if config.training.num_trials is not None:
+        key, values = next(iter(config.training.per_trial.items()))
+        raise ConfigError(
+            f"training.{key} = {list(values)} makes a training of {len(values)} trials, which is validated only; "
+            "give numbers to paint maps and fly agents."
+        )
 
 
 def check_models(config: Config) -> None:
@@ -107,7 +147,9 @@ def _train(config: Config, data: Path, work: Work) -> None:
     from affmap.training.fit import fit
 
     batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
-    description = f"training of {config.members} members, context size {config.model.context_size}"
+    num_trials = config.training.num_trials
+    trials = f"{num_trials} trials of " if num_trials else ""
+    description = f"training of {trials}{config.members} members, context size {config.model.context_size}"
     with track(description, config.training.num_epochs, "epochs", work.progress) as update:
         fit(_stack(config), batches, config.training, work.folder, work.scratch, update)
 
@@ -184,7 +226,8 @@ def _lookup_error(
 
 
 def _stack(config: Config) -> Stack:
-    return Stack(config.model, len(config.channels), config.seeds)
+    """Untrained; with R trials of R x M members, trial by trial, so that all trials have the same initial weights."""
+    return Stack(config.model, len(config.channels), (config.training.num_trials or 1) * tuple(config.seeds))
 
 
 def _trained(config: Config, train: Path) -> Stack:

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
 from affmap import sweep
 from affmap.config import Config, label
@@ -16,6 +18,7 @@ from affmap.env.procedural import Procedural
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.settings import ConfigError, folder, read
+from affmap.training.settings import TrainingSettings
 
 CONF = folder()
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout"))
@@ -165,7 +168,12 @@ BAD: list[tuple[str, Any, str]] = [
     ("training.batch_size", 0, "greater than 0"),
     ("training.chunk_length", 0, "greater than 0"),
     ("training.vision_lr", 0, "greater than 0"),
+    ("training.vision_lr", "fast", "valid number"),
+    ("training.vision_lr", None, "valid number"),
+    ("training.vision_lr", [], "training.vision_lr = [] is not allowed: it needs a number, or one for each trial."),
     ("training.transition_lr", -0.008, "greater than 0"),
+    ("training.transition_lr", [0.1, math.inf], "transition_lr[1] = inf is not allowed: it should be a finite number"),
+    ("training.vision_max_norm", [0], "vision_max_norm[0] = 0 is not allowed: it should be greater than 0"),
     ("training.transition_max_norm", 0.0, "greater than 0"),
     ("training.vision_max_norm", math.nan, "finite number"),
     ("training.adam_eps", 0.0, "greater than 0"),
@@ -268,9 +276,14 @@ def test_several_bad_values_are_all_named_each_with_its_file() -> None:
 
 
 def test_keys_that_do_not_go_together_are_named(values: Values) -> None:
-    """A start corner must be free for the vehicle."""
+    """A start corner must be free for the vehicle; lists are for the same trials."""
     with pytest.raises(ConfigError, match=r"layout 'original': .* too small for a vehicle of radius 0.11"):
         checked(values, vehicle__radius=0.11)
+    with pytest.raises(ConfigError) as caught:
+        checked(values, training__transition_lr=[0.1, 0.2], training__vision_max_norm=[1.0, 2.0, 3.0])
+    assert str(caught.value) == (
+        "the test: training: transition_lr has 2 values, but vision_max_norm has 3; lists need one for each trial."
+    )
 
 
 @pytest.fixture
@@ -335,6 +348,10 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("model.delta_scale", 1.0, "train map control"),
     ("training.num_epochs", 49, "train map control"),
     ("training.vision_lr", 0.001, "train map control"),
+    ("training.vision_lr", [0.00075], "train map control"),
+    ("training.transition_lr", [0.008, 0.001], "train map control"),
+    ("training.vision_max_norm", [2, 1], "train map control"),
+    ("training.transition_max_norm", [1.2, 1], "train map control"),
     ("training.snapshot_epochs", [1], "train map control"),
     ("models", "reference", "map control"),
     ("report.map_spacing", 0.05, "map"),
@@ -390,6 +407,39 @@ def test_every_number_of_a_group_changes_the_stages_of_its_group(values: Values)
                 other = value + 1 if isinstance(value, int) else 0.99 * value
                 after = digests(checked(values, **{f"{group}__{key}": other}))
                 assert after[stage] != before[stage], f"{group}.{key}"
+
+
+def test_the_reference_s_models_are_found() -> None:
+    """Experiment I's: their folders of 2026, by name."""
+    found = {job.model.context_size: job.train_stage.digest for job in jobs("exp1", "full")}
+    assert found == {
+        0: "a0f05b9e3064b3b9",
+        1: "481a66a26bd7cb5a",
+        3: "f397c2544ee51255",
+        5: "440f0a65f2d0f54e",
+        8: "ee0614d477d66460",
+    }
+    kept = {path.name for path in (CONF.parent / "runs/reference/store/train").iterdir()}
+    experiments = ("exp1", "exp2", "exp3", "exp3_growth", "exp4", "exp5")
+    assert {job.train_stage.digest for name in experiments for job in jobs(name, "full")} == kept
+
+
+KEYS = ("vision_lr", "transition_lr", "vision_max_norm", "transition_max_norm")
+
+
+@given(st.dictionaries(st.sampled_from(KEYS), st.lists(st.floats(1e-30, 1e30), min_size=1, max_size=3)))
+def test_lists_make_trials_if_they_have_one_length(lists: dict[str, list[float]]) -> None:
+    """Counted by hand; the values are those given, also in a stage's configuration, and other keys keep theirs."""
+    lengths = {len(values) for values in lists.values()}
+    plain = TrainingSettings.load("training", "default")
+    if len(lengths) > 1:
+        with pytest.raises(ConfigError, match=r"_(lr|max_norm) has \d values, but \w+ has \d; lists need one for each"):
+            TrainingSettings.load("training", "default", **lists)
+    else:
+        found = TrainingSettings.load("training", "default", **lists)
+        assert found.num_trials == (lengths.pop() if lists else None)
+        assert found.per_trial == {key: tuple(values) for key, values in lists.items()}
+        assert found.model_dump(mode="json") == plain.model_dump(mode="json") | lists
 
 
 def test_planners_share_models_and_context_sizes_share_data() -> None:

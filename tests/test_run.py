@@ -304,6 +304,62 @@ def test_reference_models_are_controlled_without_training(swept: Path, tmp_path:
     assert job.control != trained.control
 
 
+TRIALS = ["training.transition_lr=[0.008,1e4,0.001]", "training.vision_lr=[0.001,0.002,0.003]", "model.context_size=1"]
+
+
+def test_trials_are_trained_and_validated_only(swept: Path, tmp_path: Path) -> None:
+    """Means over members by hand from the table, one for each trial, and NaN for the one that no training survives;
+    the first two stages, once."""
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "data").symlink_to(swept / "store" / "data")
+    (config,) = jobs(tmp_path, *TRIALS)
+    found = stages.validation(config)
+    table = pd.read_csv(tmp_path / "store" / "train" / config.train_stage.digest / "validation.csv")
+    last = table[table["epoch"] == 2].pivot(index="trial", columns="member", values="validation_nll")
+    assert last.shape == (3, 2)
+    np.testing.assert_allclose(found, [last.loc[0].mean(), np.nan, last.loc[2].mean()])
+    assert np.isfinite(found).tolist() == [True, False, True]
+    before = contents(tmp_path / "store")
+    np.testing.assert_array_equal(stages.validation(config), found)
+    assert contents(tmp_path / "store") == before
+    assert {path.name for path in (tmp_path / "store").iterdir()} == {"data", "train"}
+
+
+def test_without_trials_there_is_one_validation(swept: Path) -> None:
+    """The sweep's table, by hand; nothing is made again."""
+    (config,) = jobs(swept, "planner=cem", "model.context_size=1")
+    before = contents(swept / "store")
+    table = pd.read_csv(found(swept, "planner=cem", "model.context_size=1").train[0] / "validation.csv")
+    np.testing.assert_allclose(stages.validation(config), [table.query("epoch == 2")["validation_nll"].mean()])
+    assert contents(swept / "store") == before
+
+
+def test_trials_are_not_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a function and as a command: a sentence, before anything is made."""
+    told = (
+        "training.vision_lr = [0.001, 0.002, 0.003] makes a training of 3 trials, which is validated only; "
+        "give numbers to paint maps and fly agents."
+    )
+    (config,) = jobs(tmp_path, *TRIALS)
+    with pytest.raises(ConfigError) as caught:
+        stages.run(config)
+    assert str(caught.value) == told
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap", line(tmp_path, *TRIALS)) == 2
+    assert capsys.readouterr().err == told + "\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_validation_takes_no_other_models_than_those_asked_for(tmp_path: Path) -> None:
+    """The reference run has none of these trials."""
+    (config,) = jobs(tmp_path, *TRIALS, "models=reference")
+    with pytest.raises(ConfigError, match="reference holds no models of this configuration"):
+        stages.validation(config)
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
     """Computed again from the trajectories, one member and run at a time, with a map and exact look-ups made anew."""
     (config,) = jobs(swept, "planner=cem", "model.context_size=1")

@@ -18,9 +18,6 @@ from affmap.provenance import PROVENANCE, canonical
 from affmap.report.records import PLANNERS, STAGES, Exploration, Job, Maps, Trajectories, World
 from affmap.settings import ConfigError
 
-VALIDATION = "validation.csv"
-"""File of a training: its losses."""
-
 LAYOUTS = "layouts.json"
 """File of a control stage: the layout of each run."""
 
@@ -113,7 +110,7 @@ class Results:
                 folders.setdefault(folder, job)
         tables = []
         for folder, job in folders.items():
-            table = _read_table(folder / VALIDATION, VALIDATION_COLUMNS)
+            table = _read_table(folder / "validation.csv", VALIDATION_COLUMNS)
             tables.append(table.assign(layout=job.layout, context_size=job.context_size))
         columns = ["layout", "context_size", *VALIDATION_COLUMNS]
         return pd.concat(tables)[columns].sort_values(["layout", "context_size", "member", "epoch"], ignore_index=True)

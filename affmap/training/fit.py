@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import lightning
+import numpy as np
 import pandas as pd
 from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from lightning.pytorch.callbacks import Checkpoint
@@ -21,11 +22,9 @@ from affmap.files import sha256, written
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.training.module import TrainingModule
-from affmap.training.settings import TrainingSettings
+from affmap.training.settings import VALIDATION, TrainingSettings
 
 log = logging.getLogger("affmap")
-
-VALIDATION = "validation.csv"
 
 
 class _Epochs(Checkpoint):
@@ -122,10 +121,16 @@ def fit(
 
 
 def losses(module: TrainingModule) -> pd.DataFrame:
-    """The tidy table of a training: member, epoch (from 1), training and validation NLL in nats."""
+    """The tidy table of a training: member, epoch (from 1), training and validation NLL in nats.
+
+    With trials, a column `trial` (from 0) comes first.
+    """
     rows = [
         (seed, epoch + 1, module.training_nll[epoch, member].item(), module.validation_nll[epoch, member].item())
         for member, seed in enumerate(module.stack.seeds)
         for epoch in range(module.settings.num_epochs)
     ]
-    return pd.DataFrame(rows, columns=["member", "epoch", "training_nll", "validation_nll"])
+    table = pd.DataFrame(rows, columns=["member", "epoch", "training_nll", "validation_nll"])
+    if num_trials := module.settings.num_trials:
+        table.insert(0, "trial", np.repeat(range(num_trials), len(table) // num_trials))
+    return table

@@ -1,7 +1,8 @@
 """Training of a whole stack on one-step negative log-likelihood, as a LightningModule (Section 3.3, Appendix A).
 
 Each member is trained as if it were alone: the loss is the mean over the batch and the sum over members, and
-gradients are clipped by norms per member and sub-model. Knows nothing of worlds and planners.
+gradients are clipped by norms per member and sub-model. So trials of other learning rates can stand side by side, too.
+Knows nothing of worlds and planners.
 """
 
 from collections.abc import Sequence
@@ -15,19 +16,25 @@ from affmap.data.module import Batch
 from affmap.gaussian import nll
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
-from affmap.training.settings import TrainingSettings
+from affmap.training.settings import PerTrial, TrainingSettings
 
 
 class TrainingModule(lightning.LightningModule):
-    """A stack in training.
+    """A stack in training; M are all of its members: with R trials those of the first trial, of the second, ...
 
     `training_nll` and `validation_nll`, `[num_epochs, M]` in nats, fill up as the epochs pass; they are buffers, so
     that a checkpoint holds them.
     """
 
     def __init__(self, stack: Stack, settings: TrainingSettings) -> None:
-        """Train `stack` as `settings` say."""
+        """Train `stack` as `settings` say.
+
+        Raises:
+            ValueError: the members of `stack` cannot be those of the settings' trials.
+        """
         super().__init__()
+        if len(stack.seeds) % (settings.num_trials or 1):
+            raise ValueError(f"a stack of {len(stack.seeds)} members cannot be {settings.num_trials} trials.")
         self.stack = stack
         self.settings = settings
         empty = torch.full((settings.num_epochs, len(stack.seeds)), torch.nan)
@@ -73,19 +80,32 @@ class TrainingModule(lightning.LightningModule):
         self.validation_nll[self.current_epoch] = self._sum / self._count
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """One Adam, a parameter group for each sub-model."""
-        groups = [{"params": list(part.parameters()), "lr": lr} for part, lr, _ in self._parts()]
-        return torch.optim.Adam(groups, betas=(0.9, 0.999), eps=self.settings.adam_eps, fused=True)
+        """One Adam, a parameter group for each sub-model; with learning rate 1 where trials have their own."""
+        groups = [
+            {"params": list(part.parameters()), "lr": 1.0 if isinstance(lr, tuple) else lr}
+            for part, lr, _ in self._parts()
+        ]
+        optimizer = torch.optim.Adam(groups, betas=(0.9, 0.999), eps=self.settings.adam_eps, fused=True)
+        for part, lr, _ in self._parts():
+            if isinstance(lr, tuple):
+                scale_steps(optimizer, list(part.parameters()), self._per_member(lr))
+        return optimizer
 
     def configure_gradient_clipping(self, optimizer: torch.optim.Optimizer, *_: Any, **__: Any) -> None:
         """Clip the norm of each member's gradient, for each sub-model."""
         for part, _lr, max_norm in self._parts():
-            clip_per_member([p.grad for p in part.parameters() if p.grad is not None], max_norm)
+            norms = self._per_member(max_norm) if isinstance(max_norm, tuple) else max_norm
+            clip_per_member([p.grad for p in part.parameters() if p.grad is not None], norms)
 
-    def _parts(self) -> list[tuple[nn.Module, float, float]]:
+    def _per_member(self, values: tuple[float, ...]) -> Tensor:
+        """The value of each member, `[M]`, from those of the trials."""
+        per_trial = torch.tensor(values, device=next(self.stack.parameters()).device)
+        return per_trial.repeat_interleave(len(self.stack.seeds) // len(values))
+
+    def _parts(self) -> list[tuple[nn.Module, PerTrial, PerTrial]]:
         """Each sub-model with its learning rate and clipping norm."""
         settings, stack = self.settings, self.stack
-        parts: list[tuple[nn.Module, float, float]] = [
+        parts: list[tuple[nn.Module, PerTrial, PerTrial]] = [
             (stack.transition, settings.transition_lr, settings.transition_max_norm)
         ]
         if stack.vision is not None:
@@ -93,8 +113,10 @@ class TrainingModule(lightning.LightningModule):
         return parts
 
 
-def clip_per_member(gradients: Sequence[Tensor], max_norm: float) -> None:
+def clip_per_member(gradients: Sequence[Tensor], max_norm: float | Tensor) -> None:
     """Scale gradients `[M, ...]` in place, so that each member's norm over all of them is at most `max_norm`.
+
+    `max_norm` is a number, or one for each member, `[M]`.
 
     The same rule as `torch.nn.utils.clip_grad_norm_`, for each member by itself.
     """
@@ -102,3 +124,23 @@ def clip_per_member(gradients: Sequence[Tensor], max_norm: float) -> None:
     scale = (max_norm / (norm + 1e-6)).clamp_max(1.0)
     for gradient in gradients:
         gradient.mul_(scale.view(-1, *[1] * (gradient.ndim - 1)))
+
+
+def scale_steps(optimizer: torch.optim.Adam, parameters: Sequence[Tensor], factors: Tensor) -> None:
+    """Multiply the steps that `optimizer` makes with `parameters` `[M, ...]` by a factor for each member, `[M]`.
+
+    The step of Adam is proportional to its learning rate, and what it remembers does not depend on it: so factors are
+    learning rates of the members where the optimiser's is 1. Up to factors of 1 rounding is that of a single step.
+    """
+    before: list[Tensor] = []
+
+    def remember(*_: Any) -> None:
+        before[:] = [parameter.detach().clone() for parameter in parameters]
+
+    def scale(*_: Any) -> None:
+        for parameter, start in zip(parameters, before, strict=True):
+            factor = factors.view(-1, *[1] * (parameter.ndim - 1))
+            parameter.detach().copy_(start.lerp_(parameter.detach(), factor))
+
+    optimizer.register_step_pre_hook(remember)
+    optimizer.register_step_post_hook(scale)

@@ -1,27 +1,52 @@
 """The numbers of a training, apart from the code that needs Lightning (which takes seconds to import)."""
 
-from typing import Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import AfterValidator, Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
 
 from affmap.settings import Settings
 
+VALIDATION = "validation.csv"
+"""The table of losses that a training leaves."""
+
+
+def _kind(value: Any) -> str:
+    return "trials" if isinstance(value, (list, tuple)) else "number"
+
+
+def _not_empty(values: tuple[float, ...]) -> tuple[float, ...]:
+    if not values:
+        raise ValueError("needs a number, or one for each trial")
+    return values
+
+
+PerTrial = Annotated[
+    Annotated[PositiveFloat, Tag("number")]
+    | Annotated[tuple[PositiveFloat, ...], AfterValidator(_not_empty), Tag("trials")],
+    Discriminator(_kind),  # one kind of value, one sentence about what is wrong with it
+]
+"""A number for all trials, or one for each of R trials."""
+
 
 class TrainingSettings(Settings):
-    """How models are trained (`conf/training`)."""
+    """How models are trained (`conf/training`).
+
+    A list instead of a number makes a training of R trials, which have the same members and data and differ in the
+    values of lists.
+    """
 
     num_epochs: PositiveInt
     batch_size: PositiveInt
     """Sequences a batch."""
     chunk_length: PositiveInt
     """Steps between updates: errors are propagated back through at most so many."""
-    vision_lr: PositiveFloat
+    vision_lr: PerTrial
     """Learning rate of the vision model."""
-    transition_lr: PositiveFloat
+    transition_lr: PerTrial
     """Learning rate of the transition model."""
-    vision_max_norm: PositiveFloat
+    vision_max_norm: PerTrial
     """Clipping norm of the vision model's gradient, per member."""
-    transition_max_norm: PositiveFloat
+    transition_max_norm: PerTrial
     """Clipping norm of the transition model's gradient, per member."""
     adam_eps: PositiveFloat
     """Adam's epsilon."""
@@ -29,3 +54,24 @@ class TrainingSettings(Settings):
     """Epochs after which the weights are kept; the last epoch always is."""
     accelerator: Literal["cpu", "gpu", "auto"] = Field(exclude=True)
     """Where to train."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for key, values in self.per_trial.items():
+            if len(values) != self.num_trials:
+                raise ValueError(
+                    f"{next(iter(self.per_trial))} has {self.num_trials} values, but {key} has {len(values)}; "
+                    "lists need one for each trial."
+                )
+        return self
+
+    @property
+    def per_trial(self) -> dict[str, tuple[float, ...]]:
+        """The keys that have a value for each trial, with these values; empty without trials."""
+        keys = ("vision_lr", "transition_lr", "vision_max_norm", "transition_max_norm")
+        return {key: value for key in keys if isinstance(value := getattr(self, key), tuple)}
+
+    @property
+    def num_trials(self) -> int | None:
+        """R; None without trials."""
+        return next((len(values) for values in self.per_trial.values()), None)

@@ -1,4 +1,7 @@
-"""Training: a stack of members against plain PyTorch, one model at a time, and against a stock Lightning loop."""
+"""Training: a stack of members against plain PyTorch, one model at a time, and against a stock Lightning loop.
+
+And a stack of trials, as a search for learning rates trains them, against one training a trial.
+"""
 
 import logging
 import warnings
@@ -17,8 +20,10 @@ from affmap.data.module import Batch, DataModule
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.vision import sizes
 from affmap.training.module import TrainingModule
+from affmap.training.settings import TrainingSettings
 
 MEMBERS, CONTEXT_SIZE = 25, 8
+TRIALS, TRIAL_MEMBERS = 10, 5
 SAMPLES = 500
 """Of a batch."""
 
@@ -45,6 +50,28 @@ def results(rounds: int) -> list[Result]:
     return [
         *compare(f"training by hand, {work}", unit, by_hand, useful, rounds),
         *compare(f"training by Lightning, {work}", unit, by_lightning, useful, rounds),
+        *compare(f"search, {TRIALS} trials of {TRIAL_MEMBERS} members", "trial", search(), rounds=rounds),
+    ]
+
+
+def search() -> list[Contender]:
+    """Trials of learning rates that become smaller, side by side and one after the other; a call trains all of them."""
+    rates = {
+        key: [getattr(SETTINGS, key) * 0.8**trial for trial in range(TRIALS)] for key in ("vision_lr", "transition_lr")
+    }
+    settings = TrainingSettings.load("training", "default", num_epochs=EPOCHS, **rates)
+    together = fit(make_stack(TRIALS * TRIAL_MEMBERS, CONTEXT_SIZE), data_module(), settings)
+    alone = [
+        fit(
+            make_stack(TRIAL_MEMBERS, CONTEXT_SIZE),
+            data_module(),
+            SETTINGS.model_copy(update={key: values[trial] for key, values in rates.items()}),
+        )
+        for trial in range(TRIALS)
+    ]
+    return [
+        Contender("one stack", together, TRIALS),
+        Contender("one training a trial", lambda: [run() for run in alone], TRIALS),
     ]
 
 
@@ -112,9 +139,9 @@ def mapped_updates(stack: Stack, plain: Sequence[PlainBatch]) -> Callable[[], No
     return run
 
 
-def fit(stack: Stack, data: DataModule) -> Callable[[], None]:
+def fit(stack: Stack, data: DataModule, settings: TrainingSettings = SETTINGS) -> Callable[[], None]:
     """A call trains `stack` for some epochs as `affmap.training.fit` does, without validation and checkpoints."""
-    module = TrainingModule(stack, SETTINGS)
+    module = TrainingModule(stack, settings)
     return lambda: trainer(reload_dataloaders_every_n_epochs=1, limit_val_batches=0).fit(module, data)
 
 

@@ -28,6 +28,14 @@ from affmap.training.settings import TrainingSettings
 EXPLORATION = Exploration.load("data", "default", num_sequences=8, num_validation=3, num_steps=24)
 SETTINGS = TrainingSettings.load("training", "default", num_epochs=4, batch_size=2, chunk_length=10)
 BATCHES_PER_EPOCH = 9  # batches of 2, 2 and 1 sequences, chunks of 10, 10 and 4 steps
+TRIALS = SETTINGS.model_copy(
+    update={
+        "transition_lr": (0.008, 0.02, 0.001),
+        "vision_lr": (0.003, 0.00075, 0.0001),
+        "vision_max_norm": (2, 0.1, 9),
+    }
+)
+"""Three trials; the norm of the transition model is the same for all."""
 Weights = dict[str, torch.Tensor]
 
 
@@ -180,11 +188,76 @@ def test_a_member_trained_in_a_stack_is_the_seed_trained_alone(
     np.testing.assert_allclose(single.to_numpy(), expected, atol=1e-3)
 
 
+@pytest.fixture(scope="module")
+def trials(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return train(dataset, tmp_path_factory.mktemp("trials"), 3 * (4, 5), TRIALS)
+
+
+def test_a_trial_in_a_stack_is_the_training_alone(dataset: Path, trials: Path, tmp_path: Path) -> None:
+    """Each trial's numbers as the only ones, without lists; to float rounding."""
+    found = weights(trials / "weights.safetensors", 3 * (4, 5))
+    together = pd.read_csv(trials / "validation.csv")
+    for trial in range(3):
+        own = {key: values[trial] for key, values in TRIALS.per_trial.items()}
+        alone = train(dataset, tmp_path / str(trial), (4, 5), SETTINGS.model_copy(update=own))
+        for name, weight in weights(alone / "weights.safetensors", (4, 5)).items():
+            part = found[name][2 * trial : 2 * trial + 2]
+            torch.testing.assert_close(part, weight, rtol=1e-3, atol=1e-4, msg=f"{trial}, {name}")
+        expected = pd.read_csv(alone / "validation.csv")
+        part = together[together["trial"] == trial].drop(columns="trial")
+        np.testing.assert_allclose(part.to_numpy(), expected.to_numpy(), atol=1e-3)
+    assert together.query("epoch == 4 and member == 4")["validation_nll"].std() > 0.1
+
+
+def test_the_table_of_losses_of_trials(trials: Path) -> None:
+    """By hand: trials first, each with all of its members and epochs."""
+    table = pd.read_csv(trials / "validation.csv")
+    assert list(table.columns) == ["trial", "member", "epoch", "training_nll", "validation_nll"]
+    expected = [[trial, member, epoch] for trial in range(3) for member in (4, 5) for epoch in range(1, 5)]
+    assert table[["trial", "member", "epoch"]].to_numpy().tolist() == expected
+    assert table["validation_nll"].nunique() == 24
+
+
+def test_trials_begin_with_the_same_weights_and_a_list_of_one_is_a_trial(
+    dataset: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    """The training without a list, to float rounding; its table has one column less."""
+    assert all(torch.equal(weight[:2], weight[2:]) for weight in stack(2 * (4, 5)).state_dict().values())
+    one = SETTINGS.model_copy(update={"vision_lr": (SETTINGS.vision_lr,), "transition_max_norm": (1.2,)})
+    table = pd.read_csv(train(dataset, tmp_path, settings=one) / "validation.csv")
+    assert (table.pop("trial") == 0).all()
+    np.testing.assert_allclose(table.to_numpy(), pd.read_csv(undisturbed / "validation.csv").to_numpy(), atol=1e-3)
+
+
+def test_a_trial_that_is_lost_takes_no_other_with_it(dataset: Path, trials: Path, tmp_path: Path) -> None:
+    """The second trial with a learning rate that no training survives: bit by bit, the others do as before."""
+    hopeless = TRIALS.model_copy(update={"transition_lr": (0.008, 1e4, 0.001)})
+    found, expected = (
+        pd.read_csv(folder / "validation.csv").set_index("trial")
+        for folder in (train(dataset, tmp_path, 3 * (4, 5), hopeless), trials)
+    )
+    assert found.loc[1, "validation_nll"].isna().all()
+    pd.testing.assert_frame_equal(found.loc[[0, 2]], expected.loc[[0, 2]], check_exact=True)
+
+
+def test_members_that_are_no_whole_trials_are_refused(dataset: Path, tmp_path: Path) -> None:
+    """Five of them for three trials."""
+    with pytest.raises(ValueError, match="a stack of 5 members cannot be 3 trials"):
+        train(dataset, tmp_path, (1, 2, 3, 4, 5), TRIALS)
+
+
 class Killed(Exception):  # noqa: N818
     """Stands for a power cut."""
 
 
-def killed(dataset: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, updates: int) -> None:
+def killed(
+    dataset: Path,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    updates: int,
+    seeds: tuple[int, ...] = (4, 5, 6),
+    settings: TrainingSettings = SETTINGS,
+) -> None:
     """A training that ends in the middle, after so many updates of its own."""
     counter = iter(range(updates))
     step = TrainingModule.training_step
@@ -197,7 +270,7 @@ def killed(dataset: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, updates
     with monkeypatch.context() as patch:
         patch.setattr(TrainingModule, "training_step", stop)
         with pytest.raises(Killed):
-            train(dataset, folder)
+            train(dataset, folder, seeds, settings)
 
 
 def test_a_training_killed_once_or_twice_gives_what_it_would_have(
@@ -213,6 +286,17 @@ def test_a_training_killed_once_or_twice_gives_what_it_would_have(
     train(dataset, tmp_path, on_epoch=epochs.append)
     assert epochs == [4]  # nothing was trained again
     assert_same(tmp_path, undisturbed)
+
+
+def test_trials_killed_in_the_middle_end_as_they_would_have(
+    dataset: Path, trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Undisturbed training of the same trials, bit by bit; killed in the middle of the third epoch."""
+    killed(dataset, tmp_path, monkeypatch, 2 * BATCHES_PER_EPOCH + 5, 3 * (4, 5), TRIALS)
+    epochs: list[int] = []
+    train(dataset, tmp_path, 3 * (4, 5), TRIALS, epochs.append)
+    assert epochs == [3, 4]
+    assert_same(tmp_path, trials)
 
 
 @pytest.mark.parametrize("done", [1, 3, 4])

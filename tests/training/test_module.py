@@ -4,6 +4,8 @@ from typing import Any
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from torch import Tensor
 from torch.distributions import Normal
 
@@ -74,6 +76,17 @@ def test_clipping_is_torch_s_for_each_member(max_norm: float) -> None:
     assert norms[0] < max_norm < norms[2]
 
 
+def test_clipping_by_a_norm_for_each_member() -> None:
+    """Clipping of all by each of the norms."""
+    clipped, norms = gradients(0), (1e-3, 9.0, 1.2)
+    clip_per_member(clipped, torch.tensor(norms))
+    for member, max_norm in enumerate(norms):
+        expected = gradients(0)
+        clip_per_member(expected, max_norm)
+        for one, other in zip(clipped, expected, strict=True):
+            torch.testing.assert_close(one[member], other[member])
+
+
 def test_a_member_that_is_lost_takes_no_other_with_it() -> None:
     """NaN gradients of one member: the others' are as if it were not there."""
     broken, whole = gradients(0), gradients(0)
@@ -109,6 +122,42 @@ def test_one_adam_with_the_paper_s_numbers_for_each_sub_model() -> None:
         assert [id(p) for p in group["params"]] == [id(p) for p in part.parameters()]
         assert (group["betas"], group["eps"]) == ((0.9, 0.999), 1e-4)
         assert (group["weight_decay"], group["amsgrad"]) == (0, False)
+
+
+RATES = st.lists(st.floats(-5, 0).map(lambda exponent: 10**exponent), min_size=1, max_size=4)
+
+
+@settings(max_examples=20, deadline=None)
+@given(rates=RATES, vision=st.booleans(), members=st.integers(1, 2), seed=st.integers(0, 9))
+def test_each_trial_has_an_adam_of_its_own(rates: list[float], vision: bool, members: int, seed: int) -> None:
+    """`torch.optim.Adam`, not fused, on each member alone with its trial's learning rate, the other sub-model with the
+    paper's; over some updates of made-up gradients."""
+    changes = {"vision_lr" if vision else "transition_lr": rates}
+    trained = module(3, len(rates) * tuple(range(members)), **changes)
+    optimizer = trained.configure_optimizers()
+    parameters = dict(trained.stack.named_parameters())
+    generator = torch.Generator().manual_seed(seed)
+    alone, adams = [], []
+    for member in range(len(trained.stack.seeds)):
+        own = {name: torch.nn.Parameter(each[member].detach().clone()) for name, each in parameters.items()}
+        rate = {"transition": 0.008, "vision": 0.00075} | {
+            "vision" if vision else "transition": rates[member // members]
+        }
+        groups = [{"params": [each], "lr": rate[name.partition(".")[0]]} for name, each in own.items()]
+        alone.append(own)
+        adams.append(torch.optim.Adam(groups, betas=(0.9, 0.999), eps=1e-4, foreach=False))
+    for _ in range(3):
+        for name, parameter in parameters.items():
+            parameter.grad = 10 ** (-2 * torch.rand((), generator=generator)) * torch.randn(
+                parameter.shape, generator=generator
+            )
+            for member, own in enumerate(alone):
+                own[name].grad = parameter.grad[member].clone()
+        for each in (optimizer, *adams):
+            each.step()
+    for member, own in enumerate(alone):
+        for name, each in own.items():
+            torch.testing.assert_close(parameters[name][member], each, rtol=1e-6, atol=1e-6, msg=f"{member}, {name}")
 
 
 def test_without_a_context_there_is_one_group() -> None:
