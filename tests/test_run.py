@@ -1,11 +1,9 @@
 """The commands at the tiniest scale: complete, resumable, brief where all is done, clear in errors."""
 
 import json
-import os
 import subprocess
-import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +11,9 @@ import pandas as pd
 import pytest
 import torch
 import yaml
+from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, line
 
-from affmap import reporting, run, stages, sweep
-from affmap.config import Config
+from affmap import reporting, stages
 from affmap.env import Layout
 from affmap.env.procedural import Procedural
 from affmap.model.lookup import AffordanceMap, ExactLookup
@@ -28,27 +26,7 @@ from affmap.settings import ConfigError
 from affmap.store import Store
 from affmap.sweep import Sweep
 
-COMMAND = Path(sys.executable).parent / "affmap"
-TINY = [
-    "scale=smoke",
-    "members=2",
-    "data.num_sequences=4",
-    "data.num_validation=1",
-    "data.num_steps=20",
-    "training.num_epochs=2",
-    "control.num_steps=3",
-    "report.map_spacing=0.25",
-    "lookup.spacing=0.25",
-    "hydra.launcher.n_jobs=1",
-]
 SWEEP = ["planner=cem", "model.context_size=0,1"]
-COMMANDS = {
-    "affmap": run.main,
-    "affmap-status": run.stand,
-    "affmap-report": reporting.report,
-    "affmap-publish": reporting.publish,
-}
-ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "200"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -57,38 +35,6 @@ def one_thread() -> Iterator[None]:
     threads = torch.get_num_threads()
     yield
     torch.set_num_threads(threads)
-
-
-def line(folder: Path, *overrides: str) -> list[str]:
-    places = [f"store={folder / 'store'}", f"reference={folder / 'reference'}", f"output={folder / 'output'}"]
-    return [*TINY, *places, *overrides]
-
-
-def command(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
-    folder.mkdir(exist_ok=True)
-    return subprocess.run(
-        [COMMAND, *line(folder, *overrides)], cwd=folder, capture_output=True, text=True, env=ENVIRONMENT, timeout=120
-    )
-
-
-def in_process(monkeypatch: pytest.MonkeyPatch, entry: str, arguments: Sequence[str]) -> int:
-    """The same function that the console script calls, with these arguments; its exit status."""
-    monkeypatch.setattr(sys, "argv", [entry, *arguments])
-    try:
-        COMMANDS[entry]()
-    except SystemExit as leaving:
-        return int(leaving.code or 0)
-    return 0
-
-
-def contents(folder: Path) -> dict[str, tuple[int, bytes]]:
-    """Every file: when it was written, and what it holds."""
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    return {str(path.relative_to(folder)): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
-
-
-def jobs(folder: Path, *overrides: str) -> list[Config]:
-    return sweep.jobs(sweep.complete(line(folder, *overrides)))
 
 
 def found(folder: Path, *overrides: str) -> Job:

@@ -196,7 +196,8 @@ def _joined(parts: Sequence[tuple[range, Job]]) -> Job:
                 f"seed={others.start} members={len(others)}); a report counts each member once."
             )
     first = ordered[0][1]
-    folders = [tuple(folder for _, job in ordered for folder in getattr(job, stage)) for stage in STAGES]
+    # Parts share the data.
+    folders = [tuple(dict.fromkeys(folder for _, job in ordered for folder in getattr(job, stage))) for stage in STAGES]
     return Job(first.context_size, first.planner, first.layout, *folders)
 
 
