@@ -12,13 +12,13 @@ Circles that need not keep the gap are never pushed, shrunk or taken away: they 
 """
 
 import math
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, model_validator
 
 from affmap.env.layout import Arena, Circle, EffectName, Layout
-from affmap.settings import Settings
+from affmap.settings import Count, Line, NonNegative, Positive, Settings
 
 ROUNDS = 300
 """Rounds in which the circles shrink; as many again follow at the smallest radius."""
@@ -27,13 +27,16 @@ ATTEMPTS = 10
 SLACK = 0.03
 """Circles are pushed this much further apart than they must be, in smallest radii: pushing comes close, never quite."""
 
+NumCircles = Annotated[Count, Field(le=1000)]
+"""How many circles; a draw compares each with each, hundreds of times."""
+
 
 class Property(Settings):
     """A kind of circle."""
 
     effect: EffectName
     """What it does to the vehicle."""
-    channel: str
+    channel: Line
     """Name of the channel of the view that it is painted in."""
     spaced: bool
     """Whether it keeps the gap to all other spaced circles; if not, it may overlap anything."""
@@ -42,15 +45,15 @@ class Property(Settings):
 class Procedural(Arena):
     """Rules for random worlds (`conf/layout/procedural_*.yaml`)."""
 
-    count: tuple[PositiveInt, PositiveInt]
+    count: tuple[NumCircles, NumCircles]
     """Smallest and largest number of circles."""
     count_of: Literal["property", "world"]
     """Whether that is the number of each property's circles, or of all, each of a property drawn at random."""
-    radius: tuple[PositiveFloat, PositiveFloat]
+    radius: tuple[Positive, Positive]
     """Smallest and largest radius, u."""
-    gap: NonNegativeFloat
+    gap: NonNegative
     """Smallest distance between spaced circles, and from any circle to the borders, u."""
-    corner_side: PositiveFloat
+    corner_side: Positive
     """Side of the squares in the arena's corners that no circle reaches into, u."""
     properties: tuple[Property, ...] = Field(min_length=1)
 
@@ -84,7 +87,21 @@ class Procedural(Arena):
                 f"gap = {self.gap} and corner_side = {self.corner_side}; the largest circle that fits has radius "
                 f"{room:g}."
             )
+        self._check_area()
         return self
+
+    def _check_area(self) -> None:
+        """Refuse what a draw would try in vain, for minutes where circles are many."""
+        spaced = sum(kind.spaced for kind in self.properties)
+        if self.count_of == "world":  # of kinds drawn at random, perhaps none that is spaced
+            spaced = spaced == len(self.properties)
+        needed = spaced * self.count[0] * math.pi * (self.radius[0] + self.gap / 2) ** 2
+        if needed > math.prod(self.size):
+            raise ValueError(
+                f"count = {list(self.count)}, radius = {list(self.radius)} and gap = {self.gap} need {needed:g} u² at "
+                f"the least, and the arena of size {list(self.size)} has {math.prod(self.size):g}: no world was found; "
+                "make them smaller."
+            )
 
     def draw(self, rng: np.random.Generator) -> Layout:
         """A world that obeys every rule.

@@ -2,30 +2,30 @@
 
 from typing import Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field
 
-from affmap.settings import Settings
+from affmap.settings import Count, Positive, Settings
 
 
 class TrainingSettings(Settings):
     """How models are trained (`conf/training`)."""
 
-    num_epochs: PositiveInt
-    batch_size: PositiveInt
+    num_epochs: Count
+    batch_size: Count
     """Sequences a batch."""
-    chunk_length: PositiveInt
+    chunk_length: Count
     """Steps between updates: errors are propagated back through at most so many."""
-    vision_lr: PositiveFloat
+    vision_lr: Positive
     """Learning rate of the vision model."""
-    transition_lr: PositiveFloat
+    transition_lr: Positive
     """Learning rate of the transition model."""
-    vision_max_norm: PositiveFloat
+    vision_max_norm: Positive
     """Clipping norm of the vision model's gradient, per member."""
-    transition_max_norm: PositiveFloat
+    transition_max_norm: Positive
     """Clipping norm of the transition model's gradient, per member."""
-    adam_eps: PositiveFloat
+    adam_eps: Positive
     """Adam's epsilon."""
-    snapshot_epochs: tuple[PositiveInt, ...]
+    snapshot_epochs: tuple[Count, ...]
     """Epochs after which the weights are kept; the last epoch always is."""
     accelerator: Literal["cpu", "gpu", "auto"] = Field(exclude=True)
     """Where to train."""
