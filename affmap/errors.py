@@ -20,14 +20,14 @@ def shown(value: Any, length: int = 100) -> str:
         text = repr(value)
     except (ValueError, RecursionError):  # a number of more than 4,300 digits, a list in a list in a list ...
         return f"<{type(value).__name__} too large to be shown>"
-    return shortened(text, length)
+    return text if len(text) <= length else f"{shortened(text, length)} ({len(text)} characters)"
 
 
 def shortened(text: str, length: int) -> str:
     """The beginning and the end of a text that is longer than `length`."""
     if len(text) <= length:
         return text
-    return f"{text[: length - 30]} ... {text[-10:]} ({len(text)} characters)"
+    return f"{text[: length - 15]} ... {text[-10:]}"
 
 
 def one_line(text: str, length: int = 600) -> str:

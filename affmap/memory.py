@@ -52,11 +52,11 @@ def demands(config: "Config") -> Iterator[Demand]:
     yield Demand("what control records", keys, agents * control.num_steps * (4 * planner.horizon + 10))
     codes, codes_keys = members * model.context_size, ("members", "model.context_size")
     nodes = _nodes(config.map_layout.size, config.report.map_spacing)
-    yield Demand("maps of the report", (*codes_keys, "report.map_spacing"), 2 * codes * nodes)
+    yield Demand("maps of the report", (*codes_keys, "report.map_spacing", "map_layout.size"), 2 * codes * nodes)
     if config.lookup.spacing:
         worlds = 1 if isinstance(config.control_layout, Layout) else control.runs_per_member
         nodes = _nodes(config.control_layout.size, config.lookup.spacing)
-        yield Demand("affordance maps", (*codes_keys, "lookup.spacing"), codes * worlds * nodes)
+        yield Demand("affordance maps", (*codes_keys, "lookup.spacing", "control_layout.size"), codes * worlds * nodes)
     # What can be reached is found on a grid.
     yield Demand("the arena", ("control_layout.size",), 6 * math.prod(config.control_layout.size) / STEP**2)
 

@@ -78,7 +78,7 @@ Number = Annotated[float, BeforeValidator(_number), AfterValidator(_not_huge)]
 """A number, such as a coordinate."""
 Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
 """A measure that cannot be 0."""
-NonNegative = Annotated[Number, Field(ge=0), AfterValidator(_not_tiny)]
+NonNegative = Annotated[Number, Field(ge=0)]
 """A measure, or 0 where something is not there."""
 Share = Annotated[Number, Field(ge=0, le=1)]
 """A part of the whole."""
@@ -90,9 +90,9 @@ CountOrNone = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**6)]
 Seed = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**18)]
 """What random numbers are derived from: it must fit 64 bits, also after a member's number has been added to it."""
 
-Line = Annotated[str, Field(min_length=1, max_length=500), AfterValidator(check_line)]
+Line = Annotated[str, Field(strict=True, min_length=1, max_length=500), AfterValidator(check_line)]
 """A text on one line."""
-Name = Annotated[str, Field(pattern=NAME)]
+Name = Annotated[str, Field(strict=True, pattern=NAME)]
 """The name of something that has a file or folder of its own."""
 Folder = Annotated[Path, AfterValidator(check_folder)]
 
@@ -145,10 +145,11 @@ def read(group: str, name: str) -> dict[str, Any]:
             plain YAML.
     """
     path = folder() / group / f"{name}.yaml"
-    if not re.fullmatch(NAME, name) or not path.is_file():
-        known = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
-        told = shown(name)[1:-1]
-        raise ConfigError(f"conf/{group}/{told}.yaml does not exist; conf/{group} holds: {known}.")
+    known = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
+    if not re.fullmatch(NAME, name):
+        raise ConfigError(f"{shown(name)} cannot be the name of a file; conf/{group} holds: {known}.")
+    if not path.is_file():
+        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {known}.")
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:

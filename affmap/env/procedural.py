@@ -87,21 +87,7 @@ class Procedural(Arena):
                 f"gap = {self.gap} and corner_side = {self.corner_side}; the largest circle that fits has radius "
                 f"{room:g}."
             )
-        self._check_area()
         return self
-
-    def _check_area(self) -> None:
-        """Refuse what a draw would try in vain, for minutes where circles are many."""
-        spaced = sum(kind.spaced for kind in self.properties)
-        if self.count_of == "world":  # of kinds drawn at random, perhaps none that is spaced
-            spaced = spaced == len(self.properties)
-        needed = spaced * self.count[0] * math.pi * (self.radius[0] + self.gap / 2) ** 2
-        if needed > math.prod(self.size):
-            raise ValueError(
-                f"count = {list(self.count)}, radius = {list(self.radius)} and gap = {self.gap} need {needed:g} u² at "
-                f"the least, and the arena of size {list(self.size)} has {math.prod(self.size):g}: no world was found; "
-                "make them smaller."
-            )
 
     def draw(self, rng: np.random.Generator) -> Layout:
         """A world that obeys every rule.
@@ -109,14 +95,23 @@ class Procedural(Arena):
         Raises:
             ValueError: none was found, so many or so large circles do not fit.
         """
-        for _ in range(ATTEMPTS):
+        for _ in range(ATTEMPTS if self._has_area() else 0):  # in vain, many circles take minutes
             circles = self._attempt(rng)
             if circles is not None:
                 return Layout(circles=circles, **{key: getattr(self, key) for key in Arena.model_fields})
         raise ValueError(
-            f"layout {self.name!r}: no world was found in {ATTEMPTS} attempts, not even with the smallest count and "
+            f"layout {self.name!r}: no world was found, not even with the smallest count and "
             f"radius; make count = {list(self.count)}, radius = {list(self.radius)} or gap = {self.gap} smaller."
         )
+
+    def _has_area(self) -> bool:
+        """Whether the fewest and smallest circles, each with half of the gap around it, have less area than the arena.
+
+        Where circles are of kinds drawn at random, perhaps none of them is spaced.
+        """
+        spaced = [kind.spaced for kind in self.properties]
+        groups = sum(spaced) if self.count_of == "property" else all(spaced)
+        return groups * self.count[0] * math.pi * (self.radius[0] + self.gap / 2) ** 2 < math.prod(self.size)
 
     def _attempt(self, rng: np.random.Generator) -> tuple[Circle, ...] | None:
         """The circles of a world, or nothing if those drawn do not fit."""
