@@ -47,8 +47,15 @@ class Sweep(NamedTuple):
     def growth(self) -> "Sweep | None":
         """The experiment whose growing maps belong to this one, if there is one."""
         first = self.first
+        if not first.growth:
+            return None
         # A folder given for the output is for this experiment's report.
-        return _sweep(sweep.instead(self.overrides, first.growth, {*first.sweep, "output"})) if first.growth else None
+        growth = _sweep(sweep.instead(self.overrides, first.growth, {*first.sweep, "output", "growth"}))
+        if growth.first.growth:
+            raise ConfigError(
+                f"growth = {first.growth!r} names an experiment that has a growth of its own; it must not."
+            )
+        return growth
 
 
 def _sweep(arguments: list[str]) -> Sweep:

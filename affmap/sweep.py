@@ -4,30 +4,46 @@ An experiment names its sweep under `sweep`; a key that the command line sets is
 only.
 """
 
-from collections.abc import Collection, Sequence
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, RangeSweep
+from omegaconf import OmegaConf
 
 from affmap.config import Config, plain
-from affmap.settings import ConfigError, folder
+from affmap.errors import one_line, shown
+from affmap.settings import ConfigError, check_folder, folder
+
+MAX_JOBS = 2000
+"""Jobs of a command line; all of them are checked, which takes a minute for 500, before the first one starts."""
+
+MAX_WORKERS = 1024
+"""Jobs at the same time."""
 
 
 def complete(overrides: Sequence[str]) -> list[str]:
     """The command line with the experiment's sweep written out, in the experiment's order.
 
     Raises:
-        ConfigError: several experiments at once.
+        ConfigError: several experiments at once, or a line that cannot be read.
     """
     parsed = {override.key_or_group: override for override in _parse(overrides)}
-    if "experiment" in parsed and parsed["experiment"].is_sweep_override():
+    experiment = parsed.get("experiment")
+    if experiment and (experiment.is_sweep_override() or isinstance(experiment.value(), list)):
         raise ConfigError("experiment takes one name at a time; run several experiments one after the other.")
     single = [str(override.input_line) for override in parsed.values() if not override.is_sweep_override()]
-    sweep = plain(_compose(single)).get("sweep", {})
+    written = _plain(_compose(single)).get("sweep")
+    # What is no sweep is told when the jobs are checked.
+    entries = written.items() if isinstance(written, Mapping) else []
+    sweep = {key: values for key, values in entries if isinstance(values, (str, int))}
     given = {key: str(override.input_line) for key, override in parsed.items()}
     # In the experiment's order, so that jobs that share a model are not started at the same time.
     swept = [given.get(key, f"{key}={values}") for key, values in sweep.items()]
@@ -49,25 +65,87 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
     """The configuration of each job of a command line whose sweep is written out.
 
     Raises:
-        ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right.
+        ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right. Or
+            no jobs, or so many that they are a mistake.
     """
-    return [_check(job) for job in BasicSweeper.split_arguments(_parse(overrides), max_batch_size=None)[0]]
+    parsed = _parse(overrides)
+    with _reading():
+        counts = {override.key_or_group: _count(override) for override in parsed if override.is_sweep_override()}
+    number = math.prod(counts.values())
+    if not 0 < number <= MAX_JOBS:
+        values = " x ".join(f"{count} of {key}" for key, count in counts.items())
+        raise ConfigError(f"the sweep has {number} jobs ({one_line(values)}); it should have 1 to {MAX_JOBS}.")
+    return [_check(job) for job in BasicSweeper.split_arguments(parsed, max_batch_size=None)[0]]
+
+
+def _count(override: Override) -> int:
+    """How many values a sweep over one key has, without writing out a range."""
+    values = override.value()
+    if isinstance(values, RangeSweep):
+        assert values.start is not None and values.stop is not None
+        return max(0, math.ceil((values.stop - values.start) / values.step))
+    return sum(1 for _ in override.sweep_iterator())
 
 
 def _check(overrides: Sequence[str]) -> Config:
     composed = _compose(overrides)
     choices = composed.hydra.runtime.choices
     origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
-    origins[""] = f"conf/layout with {origins['vehicle']}"  # checked together
-    return Config.checked(plain(composed), "conf/config.yaml or the command line", origins)
+    origins[""] = "the configuration"  # checked together
+    config = Config.checked(_plain(composed), "conf/config.yaml or the command line", origins)
+    _check_launch(composed)
+    return config
+
+
+def _check_launch(composed: Any) -> None:
+    """Refuse what Hydra would stumble over only when it starts the jobs: its folders and the number of workers.
+
+    Raises:
+        ConfigError: one of them cannot be used.
+    """
+    composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
+    for key in ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir"):
+        with _reading():
+            path = OmegaConf.select(composed, key)
+        try:
+            check_folder(Path(path or ""))
+        except ValueError as error:
+            raise ConfigError(f"{key} = {shown(path)} is not allowed: it {error}.") from None
+    workers = OmegaConf.select(composed, "hydra.launcher.n_jobs", default=1)  # not all launchers have it
+    if composed.hydra.launcher is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
+        raise ConfigError(
+            f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a job "
+            "on each core."
+        )
 
 
 def _parse(overrides: Sequence[str]) -> list[Override]:
-    with initialize_config_dir(str(folder()), version_base="1.3"):
+    with _reading(), initialize_config_dir(str(folder()), version_base="1.3"):
         # The loader knows the groups that `glob(...)` chooses from.
         return OverridesParser.create(GlobalHydra.instance().config_loader()).parse_overrides([*overrides])
 
 
 def _compose(overrides: Sequence[str]) -> Any:
-    with initialize_config_dir(str(folder()), version_base="1.3"):
+    with _reading(), initialize_config_dir(str(folder()), version_base="1.3"):
         return compose("config", [*overrides], return_hydra_config=True)
+
+
+def _plain(composed: Any) -> dict[str, Any]:
+    with _reading():
+        return plain(composed)
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    """Tell in a sentence whatever Hydra finds wrong with a command line.
+
+    Nothing but Hydra runs in here, and its parser, its YAML and its interpolations let through what Python raises:
+    ValueError for a step of 0, RecursionError for brackets in brackets, AttributeError for a group that is null.
+    """
+    try:
+        yield
+    except Exception as error:
+        text = re.split(  # Hydra's messages end in addresses, its own places and types
+            r"\nSee http|\nConfig search path|\n +full_key|\n +reference_type", str(error) or repr(error)
+        )[0]
+        raise ConfigError(f"this cannot be read: {one_line(text).rstrip('.')}.") from None

@@ -49,8 +49,8 @@ class Vehicle(Settings):
         for key in ("damping", "contact_damping"):
             if getattr(self, key) * self.time_step_s >= 1:
                 raise ValueError(
-                    f"{key} = {getattr(self, key)} with time_step_s = {self.time_step_s} would stop the vehicle for good; "
-                    f"it must be below 1 / time_step_s = {1 / self.time_step_s:g}."
+                    f"{key} = {getattr(self, key)} with time_step_s = {self.time_step_s} would stop the vehicle for "
+                    f"good; it must be below 1 / time_step_s = {1 / self.time_step_s:g}."
                 )
         return self
 
