@@ -225,6 +225,6 @@ def plain(config: Any) -> dict[str, Any]:
     from omegaconf import OmegaConf
 
     own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
-    values = OmegaConf.to_container(own, resolve=True)
+    values = OmegaConf.to_container(own, resolve=True, throw_on_missing=True)
     assert isinstance(values, dict)
     return {str(key): value for key, value in values.items()}

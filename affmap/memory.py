@@ -16,8 +16,8 @@ from affmap.view import PIXELS
 if TYPE_CHECKING:
     from affmap.config import Config
 
-LIMIT_GIB = 1024
-"""More than this is taken for a mistake; the paper's experiments need less than one."""
+LIMIT_GIB = 256
+"""More than this is taken for a mistake: the largest job of the paper needs less than one."""
 
 
 class Demand(NamedTuple):

@@ -32,6 +32,9 @@ PAPER = ("exp1", "exp2", "exp3", "exp4", "exp5")
 
 _MULTIRUN = ("-m", "--multirun")
 
+_HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
+"""Hydra's own flags that print something and run nothing."""
+
 
 class Sweep(NamedTuple):
     """A command line whose sweep is written out, and the jobs that it stands for."""
@@ -140,8 +143,8 @@ def _command(body: Callable[[Sweep], None]) -> None:
 
 def main() -> None:
     """`affmap`: run what is not complete yet."""
-    if _flags():
-        _job()  # Hydra's own flags, such as --help and --cfg
+    if _HYDRA & {flag.partition("=")[0] for flag in _flags()}:
+        _job()
         return
     _command(_run_sweep)
 

@@ -114,8 +114,8 @@ def _check_launch(composed: Any) -> None:
     workers = OmegaConf.select(composed, "hydra.launcher.n_jobs", default=1)  # not all launchers have it
     if composed.hydra.launcher is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
         raise ConfigError(
-            f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a job "
-            "on each core."
+            f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a "
+            "job on each core."
         )
 
 
@@ -145,7 +145,8 @@ def _reading() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        text = re.split(  # Hydra's messages end in addresses, its own places and types
-            r"\nSee http|\nConfig search path|\n +full_key|\n +reference_type", str(error) or repr(error)
-        )[0]
+        text = str(error) or repr(error)
+        # Hydra's messages end in addresses, its own places and types, and name classes and columns.
+        text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|\^)", text)[0]
+        text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
         raise ConfigError(f"this cannot be read: {one_line(text).rstrip('.')}.") from None

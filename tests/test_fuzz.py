@@ -8,17 +8,19 @@ import datetime
 import json
 import math
 import os
+import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from affmap import sweep
+from affmap import run, sweep
 from affmap.config import Config, plain
 from affmap.memory import LIMIT_GIB, demands
 from affmap.settings import ConfigError, check_line, read
@@ -135,7 +137,7 @@ def check_told(message: str, origin: str = "the test: ") -> None:
     for line in lines:
         assert line.startswith((origin, "... and ")), line
         assert line.isprintable() and line.endswith(".") and len(line) < 1000, line
-        assert not [word for word in ("pydantic", "http", "Traceback", "Error", "Exception") if word in line], line
+        assert not [word for word in ("pydantic", "http", "Traceback", "Error:", "Exception") if word in line], line
 
 
 def written(value: Any) -> list[str]:
@@ -260,3 +262,147 @@ def _at(values: Any, place: Place) -> Any:
     for part in place:
         values = values[part]
     return values
+
+
+@pytest.fixture
+def command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[Sequence[str], str], str]:
+    """Call a command in this process with nothing that can be run; returns what it says.
+
+    It must say it on the error stream, end with status 2, and write nothing.
+    """
+
+    def started(*_: Any) -> NoReturn:
+        pytest.fail("a run was started")
+
+    for function in ("_job", "find", "check_models"):
+        monkeypatch.setattr(run, function, started)
+    monkeypatch.chdir(tmp_path)
+
+    def call(arguments: Sequence[str], entry: str = "affmap") -> str:
+        monkeypatch.setattr(sys, "argv", [entry, *arguments])
+        with pytest.raises(SystemExit) as leaving:
+            {"affmap": run.main, "affmap-report": run.report, "affmap-publish": run.publish}[entry]()
+        captured = capsys.readouterr()
+        assert leaving.value.code == 2 and captured.out == "" and not list(tmp_path.iterdir()), arguments
+        message = captured.err.removesuffix("\n")
+        check_told(message, "")
+        return message
+
+    return call
+
+
+# fmt: off
+LINES: dict[str, list[str]] = {
+    "cannot be read": [
+        "", " ", "a", "=", "==", "=value", "key=", "key==", "a=b=c", "{", "}", "[", ")", "@", "@=1", "~", "+", "++",
+        "title=[1", "title={a", "title='a", 'title="a', "title=${", "title=(", "title=a)", "title=f(x)", "title=\ud800",
+        "title=\x1b[0m", "title=a\nb", "title=a\0b", "title=!!python/object/apply:os.system [id]", "title=a: b}",
+        "title=" + "[" * 2000, "title=" + "[" * 2000 + "]" * 2000, "members=" + "9" * 5000, "\u202etitle=a",
+        "title=${nope}", "title=${oc.env:NOPE}", "title=${title}", "title=${hydra:nope}", "title=${nope:1}",
+        "title=${oc.decode:'{'}", "sweep=[1]", "title=${vehicle.nope}", "model.context_size=${model.context_size}",
+        "key=1", "model.key=1", "members@x=3", "planner@x=cem", "~hydra", "~nope", "defaults=[]", "+title=3",
+        "planner=", "planner=null", "planner=oracle", "planner=3", "planner=../cem", "planner={a: 1}", "sweep={a: 1.5}",
+        "store=???", "'",
+        "experiment=", "experiment=null", "experiment=exp99", "experiment=../exp1", "experiment=a\0b", "model=null",
+        "scale=huge", "models=steal", "lookup=/etc/passwd", "hydra/launcher=nope", "hydra=null", "hydra.mode=x",
+        "hydra.launcher.n_jobs=zero", "hydra.job.chdir=maybe", "hydra.run.dir=${nope}", "hydra.sweep.subdir=${nope}",
+        "seed=choice()", "seed=choice(", "seed=range()", "seed=range(a)", "seed=range(0,9,0)", "seed=interval(0,1)",
+        "seed=int(a)", "seed=tag(a,1,2)", "seed=sort(1,a)", "seed=extend_list(1)", "seed=1,,2", "seed=,",
+    ],
+    "jobs": [
+        "seed=range(3,1)", "seed=glob(*)", "seed=range(100000)", "seed=range(1000000000)", "seed=range(0,1,0.000001)",
+        "seed=shuffle(range(1000000000))", "seed=shuffle()", "seed=range(0,1,1e-300)", "planner=glob(x*)",
+    ],
+    "one name at a time": ["experiment=exp1,exp2", "experiment=[exp1,exp2]", "experiment=glob(*)"],
+    "not known here": ["--force", "-x", "--config-dir=/tmp", "--experimental-rerun=config.pickle", "--resolve"],
+    "hydra.": [
+        "hydra.launcher.n_jobs=0", "hydra.launcher.n_jobs=100000", "hydra.launcher=null", "hydra.sweep.dir=",
+        "hydra.sweep.dir=..", "hydra.run.dir=..", "hydra.sweep.subdir=", "hydra.run.dir=" + "a" * 300,
+    ],
+    "is not": [
+        "sweep=3", "sweep=null", "+sweep.seed=true", "+key=1", "++model.key=1", "growth=a b", "growth=[]",
+        "model.context_size=1,x", "model.context_size=0,1,-1", "members=range(3)", "planner=cem,gradient|sweep=4",
+        "title=${vehicle}", "title=", "title=null", "output=", "name=a/b", "name=..", "output=.", "output=/",
+        "members=1e400", "members=true", "members=nan", "threads=100000", "world=procedural_hard",
+    ],
+    "holds: fog": ["world=moon", "world=../fog", "control_layout=moon", "training_layouts=[fog,moon]"],
+    "missing": ["planner=[]", "~model", "~title", "~planner.kind", "~vehicle.radius"],
+    "folder of its own": ["output=runs/store", "store=runs/reference/store", "store=runs/../runs/single"],
+    "another name": ["output=somewhere/store"],
+    "growth of its own": ["growth=exp3"],
+    "GiB": [
+        "members=1000000", "data.num_sequences=1000000|data.num_steps=1000", "lookup.spacing=1e-6",
+        "planner.horizon=1000000|planner.num_candidates=1000", "report.map_spacing=1e-9",
+        "training.num_epochs=1000000|members=1000000", "model.hidden_size=1000000|model.context_size=1000000",
+    ],
+}
+# fmt: on
+
+
+def test_command_lines_that_mean_nothing(
+    command: Callable[..., str], record_property: Callable[[str, object], None]
+) -> None:
+    """A list by hand of what Hydra's grammar, groups and sweeps can be fed with, and what the sentence is about."""
+    tried: Counter[str] = Counter()
+    for told, lines in LINES.items():
+        for line in lines:
+            assert told in command(line.split("|")), line
+            tried["refused"] += 1
+    tell("command lines", tried, 150, record_property)
+
+
+def test_the_other_commands_read_the_same_command_lines(command: Callable[..., str]) -> None:
+    """One line of each kind."""
+    for told, (line, *_) in LINES.items():
+        for entry in ("affmap-report", "affmap-publish"):
+            assert told in command(line.split("|"), entry)
+
+
+def test_any_key_of_the_command_line_with_any_value(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    record_property: Callable[[str, object], None],
+) -> None:
+    """Keys of conf/, of Hydra and of nothing, with signs and values of all kinds: a sentence and status 2, or jobs."""
+    monkeypatch.chdir(tmp_path)
+    tried: Counter[str] = Counter()
+    own = sorted({".".join(map(str, place)) for _, place in PLACES if all(isinstance(part, str) for part in place)})
+    keys = st.sampled_from(own) | st.sampled_from(["experiment", "scale", "hydra.sweep.dir", "hydra/launcher", "x", ""])
+    plain_values = [str(value) for value in NASTY if not (isinstance(value, int) and abs(value) > 10**4200)]
+    grammar = st.text(st.sampled_from("[]{}(),:='\"\\$@~+-*. \tab01"), max_size=8)
+    functions = st.sampled_from(
+        ["choice", "range", "glob", "interval", "shuffle", "sort", "int", "float", "str", "json"]
+    )
+    values = st.one_of(
+        st.sampled_from(plain_values),
+        grammar,
+        st.builds("{}({})".format, functions, grammar),
+        st.builds("'{}'".format, st.sampled_from(plain_values)),
+        st.builds("${{{}}}".format, st.sampled_from(own) | grammar),
+        st.text(max_size=10),
+    )
+
+    @examples(100)
+    @given(st.sampled_from(["", "", "", "+", "++", "~"]), keys, st.sampled_from(["=", "=", "=", "", "@"]), values)
+    def check(sign: str, key: str, equals: str, value: str) -> None:
+        accepted: list[run.Sweep] = []
+        monkeypatch.setattr(sys, "argv", ["affmap", f"{sign}{key}{equals}{value}"])
+        try:
+            run._command(accepted.append)
+        except SystemExit as leaving:
+            assert leaving.code == 2
+        captured = capsys.readouterr()
+        assert captured.out == "" and not list(tmp_path.iterdir())
+        for asked in accepted:
+            assert captured.err == "" and 0 < len(asked.configs) <= sweep.MAX_JOBS
+            for config in asked.configs:
+                check_sane(config)
+        if not accepted:
+            check_told(captured.err.removesuffix("\n"), "")
+        tried["accepted" if accepted else "refused"] += 1
+
+    check()
+    tell("command lines at random", tried, 100, record_property)
