@@ -4,7 +4,6 @@
 experiments together, `affmap-publish` keeps a report in `runs/reference`. All take Hydra overrides, and the same ones.
 """
 
-import json
 import logging
 import shutil
 import sys
@@ -19,6 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 from affmap import sweep
 from affmap.config import Config, label, plain
 from affmap.model.weights import SNAPSHOT, WEIGHTS
+from affmap.report import provenance
 from affmap.report.records import Job
 from affmap.report.tables import Results
 from affmap.settings import ConfigError, folder
@@ -112,7 +112,7 @@ def _check_output(asked: Sweep) -> None:
     configs = [*asked.configs, *(growth.configs if growth else [])]
     path = output / PROVENANCE
     digests = {stage.digest for config in configs for stage in stages(config)}
-    if path.is_file() and not {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} <= digests:
+    if path.is_file() and not provenance.digests(path) <= digests:
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
 

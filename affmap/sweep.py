@@ -145,7 +145,7 @@ def _reading() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        text = str(error) or repr(error)
+        text = str(error) or str(error.__cause__ or "") or "Hydra does not say why"
         # Hydra's messages end in addresses, its own places and types, and name classes and columns.
         text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|\^)", text)[0]
         text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)

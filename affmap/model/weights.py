@@ -5,6 +5,7 @@ from pathlib import Path
 from safetensors.torch import load_file, save_file
 
 from affmap.model.stack import Stack
+from affmap.reading import reading
 
 WEIGHTS = "weights.safetensors"
 
@@ -18,6 +19,11 @@ def save(stack: Stack, path: Path) -> None:
 
 
 def restore(stack: Stack, path: Path) -> Stack:
-    """Give a stack the weights at `path`."""
-    stack.load_state_dict(load_file(path))
+    """Give a stack the weights at `path`.
+
+    Raises:
+        ConfigError: the file is not what it should be, or holds the weights of another stack.
+    """
+    with reading(path):
+        stack.load_state_dict(load_file(path))
     return stack.eval()

@@ -10,9 +10,9 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 import pandas as pd
 
+from affmap.reading import arrays, reading
 from affmap.report.records import PLANNERS, STAGES, Exploration, Job, Maps, Trajectories, World
 from affmap.settings import ConfigError
 
@@ -157,8 +157,9 @@ class Results:
     def worlds(self, job: Job) -> list[World]:
         """The world of each of a job's B runs."""
         config = self.provenance[job.control]["config"]
-        layouts = json.loads((job.control / LAYOUTS).read_text("utf-8"))
-        return [World.of(layout, config["vehicle"]) for layout in layouts]
+        path = job.control / LAYOUTS
+        with reading(path):
+            return [World.of(layout, config["vehicle"]) for layout in json.loads(path.read_text("utf-8"))]
 
     def trajectories(self, job: Job) -> Trajectories:
         """What control recorded in one setting."""
@@ -169,7 +170,7 @@ class Results:
         """Stage folder -> what it says about its origin; in the order of the stages."""
         jobs = [*self.jobs, *([self.growth] if self.growth else [])]
         folders = dict.fromkeys(getattr(job, stage) for stage in STAGES for job in jobs)
-        return {folder: json.loads((folder / "provenance.json").read_text("utf-8")) for folder in folders}
+        return {folder: _read_provenance(folder / "provenance.json") for folder in folders}
 
 
 def read_runs(job: Job) -> pd.DataFrame:
@@ -198,16 +199,26 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
     table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
 
 
+def _read_provenance(path: Path) -> dict[str, Any]:
+    with reading(path):
+        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        for key in ("stage", "digest", "config"):
+            record[key]
+        return record
+
+
 def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    table = pd.read_csv(path)
+    with reading(path):
+        table = pd.read_csv(path)
     missing = [column for column in columns if column not in table]
     if missing:
-        raise ValueError(
+        raise ConfigError(
             f"{path} lacks the columns {missing}: another version wrote it; remove its folder and run again."
         )
     return table[list(columns)]
 
 
 def _read_arrays(record: type[Record], path: Path) -> Record:
-    with np.load(path, allow_pickle=False) as arrays:
-        return record(**{field: arrays[field][()] for field in record._fields})
+    found = arrays(path)
+    with reading(path):
+        return record(**{field: found[field][()] for field in record._fields})

@@ -11,11 +11,13 @@ from pathlib import Path
 
 import lightning
 import pandas as pd
+import torch
 from lightning.pytorch.callbacks import Checkpoint
 
 from affmap.data.module import DataModule
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, save
+from affmap.reading import reading
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 
@@ -73,7 +75,10 @@ def fit(
         enable_model_summary=False,
         callbacks=[_Epochs(checkpoint, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch)],
     )
-    trainer.fit(module, data, ckpt_path=checkpoint if checkpoint.exists() else None)
+    if checkpoint.exists():
+        with reading(checkpoint):  # a damaged one is told; that of a stranger executes nothing
+            torch.load(checkpoint, map_location="cpu", weights_only=True)
+    trainer.fit(module, data, ckpt_path=checkpoint if checkpoint.exists() else None, weights_only=True)
     save(stack, folder / WEIGHTS)
     losses(module).to_csv(folder / VALIDATION, index=False, float_format="%.6f")
     checkpoint.unlink()
