@@ -54,7 +54,7 @@ def sentences(found: Sequence[ErrorDetails], values: Any, origin: str, origins: 
 
 def sentence(item: ErrorDetails, values: Any) -> str:
     """What is wrong with a value, in a sentence: key = value, what is wrong, what would be right."""
-    key, value = _key(item["loc"], values), shown(item["input"])
+    key, value = _key(item["loc"], values, item["type"] == "missing"), shown(item["input"])
     problem = shortened(re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"]), 400)
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
@@ -72,12 +72,12 @@ def sentence(item: ErrorDetails, values: Any) -> str:
     return f"{key} = {value} is not allowed: it {problem}."
 
 
-def _key(location: Sequence[int | str], values: Any) -> str:
-    """The dotted key of a place in `values`."""
+def _key(location: Sequence[int | str], values: Any, is_missing: bool) -> str:
+    """The dotted key of a place in `values`, which may lack the last part."""
     key = ""
     for place, part in enumerate(location):
-        last = place == len(location) - 1
-        if isinstance(part, str) and not (isinstance(values, Mapping) and (part in values or last)):
+        lacking = is_missing and place == len(location) - 1
+        if isinstance(part, str) and not lacking and not (isinstance(values, Mapping) and part in values):
             continue  # pydantic also names which of several alternatives it has tried
         key += f"[{part}]" if isinstance(part, int) else f".{shown(part)[1:-1]}"
         try:

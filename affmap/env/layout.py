@@ -83,7 +83,7 @@ class Layout(Arena):
             (x, y), (width, height) = circle.center, self.size
             if not (0 <= x <= width and 0 <= y <= height):
                 raise ValueError(
-                    f"circles[{index}].center = {[x, y]} is outside the arena; "
+                    f"circles[{index}].center = {[x, y]} is outside the arena of size {[width, height]}; "
                     f"x must be in [0, {width}] and y in [0, {height}]."
                 )
             if circle.channel not in self.channels:
