@@ -360,9 +360,9 @@ def test_command_lines_that_mean_nothing(
 
 def test_the_other_commands_read_the_same_command_lines(command: Callable[..., str]) -> None:
     """One line of each kind."""
-    for told, (line, *_) in LINES.items():
+    for told in ("cannot be read", "jobs", "not known here", "hydra.", "is not", "missing", "GiB"):
         for entry in ("affmap-report", "affmap-publish"):
-            assert told in command(line.split("|"), entry)
+            assert told in command(LINES[told][0].split("|"), entry)
 
 
 def test_any_key_of_the_command_line_with_any_value(
