@@ -133,8 +133,9 @@ class Layout(Arena):
             if gap < radius:
                 raise ValueError(
                     f"layout {self.name!r}: circles[{index}] (center {list(circle.center)}, radius {circle.radius}) "
-                    f"blocks the start corner x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g}: an obstacle "
-                    f"must stay at least {radius} away from it."
+                    f"blocks the start corner x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g} "
+                    f"(start_margin = {self.start_margin}, start_side = {self.start_side}, size = {list(self.size)}): "
+                    f"an obstacle must stay at least {radius} away from it."
                 )
 
     @property

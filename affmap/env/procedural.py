@@ -101,7 +101,8 @@ class Procedural(Arena):
                 return Layout(circles=circles, **{key: getattr(self, key) for key in Arena.model_fields})
         raise ValueError(
             f"layout {self.name!r}: no world was found, not even with the smallest count and "
-            f"radius; make count = {list(self.count)}, radius = {list(self.radius)} or gap = {self.gap} smaller."
+            f"radius; make count = {list(self.count)}, radius = {list(self.radius)}, gap = {self.gap} or "
+            f"corner_side = {self.corner_side} smaller, or size = {list(self.size)} larger."
         )
 
     def _has_area(self) -> bool:
