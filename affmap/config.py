@@ -4,25 +4,30 @@ A stage's configuration is the part of the whole that its result depends on, and
 agree on it, they share the result. `Settings` fields with `exclude=True` say how, not what, and do not count.
 """
 
+import os.path
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import combinations
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from affmap.control.agent import ControlSettings
 from affmap.data.collect import Exploration
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.procedural import Procedural
+from affmap.errors import shown
+from affmap.memory import LIMIT_GIB, demands
 from affmap.model.lookup import LookupSettings
 from affmap.model.stack import ModelSettings
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.random import generator
 from affmap.report.settings import ReportSettings
-from affmap.settings import ConfigError, Settings, read
+from affmap.settings import ConfigError, Count, Folder, Line, Name, Seed, Settings, read
 from affmap.store import Stage, Store
 from affmap.training.settings import TrainingSettings
 
@@ -54,42 +59,57 @@ def _is_procedural(name: str) -> bool:
     return "properties" in read("layout", name)
 
 
+def _kind(layout: Any) -> str:
+    procedural = "properties" in layout if isinstance(layout, Mapping) else isinstance(layout, Procedural)
+    return "procedural" if procedural else "fixed"
+
+
+def _choices(values: Any) -> Any:
+    return str(values) if type(values) is int else values  # a sweep over a single number
+
+
 NamedLayout = Annotated[Layout, BeforeValidator(_layout)]
+AnyLayout = Annotated[
+    Annotated[Layout, Tag("fixed")] | Annotated[Procedural, Tag("procedural")],
+    Discriminator(_kind),
+    BeforeValidator(_any_layout),
+]
+Choices = Annotated[Line, BeforeValidator(_choices)]
 
 
 class Config(Settings):
     """`conf/config.yaml` and the groups it is made of; one job of a sweep."""
 
-    name: str
+    name: Name
     """Name of the experiment."""
-    title: str
-    seed: NonNegativeInt
+    title: Line
+    seed: Seed
     """Seed of the first member; member m has seed + m."""
-    members: PositiveInt
+    members: Count
     """M, members of the stack."""
-    threads: PositiveInt
+    threads: Annotated[Count, Field(le=1024)]
     """Threads of a job."""
     models: Literal["train", "reference"]
     """Train the models, or take those of the reference run."""
-    notice: str | None
+    notice: Line | None
     """What must stand on every figure; None for results."""
-    output: Path
+    output: Folder
     """Folder of the report."""
-    store: Path
+    store: Folder
     """Folder of the stages."""
-    reference: Path
+    reference: Folder
     """Folder of the reference run's stages."""
     versions: Literal["same", "any"]
     """Whether stages that other versions of packages have made may be used."""
-    sweep: Mapping[str, str | int]
+    sweep: Mapping[Line, Choices]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
-    growth: str | None
+    growth: Name | None
     """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
-    world: str
+    world: Name
     """Layout (a file of `conf/layout`) of everything that names no other."""
     training_layouts: tuple[NamedLayout, ...]
     """Where data are collected, in equal parts."""
-    control_layout: Annotated[Layout | Procedural, BeforeValidator(_any_layout)]
+    control_layout: AnyLayout
     """Where agents fly; a procedural one gives each run a world of its own."""
     map_layout: NamedLayout
     """What affordance maps are painted of for the report."""
@@ -103,9 +123,39 @@ class Config(Settings):
     report: ReportSettings
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check_training_layouts(self) -> Self:
         if not self.training_layouts:
             raise ValueError("training_layouts = [] names no layout; data must come from somewhere.")
+        return self
+
+    @model_validator(mode="after")
+    def _check_folders(self) -> Self:
+        folders = {"output": self.output, "store": self.store, "reference": self.reference}
+        for (key, folder), (other, its) in combinations(folders.items(), 2):
+            if _same(folder, its):
+                raise ValueError(f"{key} and {other} are both {shown(str(its))}; give each a folder of its own.")
+        published = self.reference.parent / self.output.name  # `affmap-publish` replaces it
+        for key in ("store", "reference"):
+            if _same(published, folders[key]):
+                raise ValueError(
+                    f"output = {shown(str(self.output))} would be published as {shown(str(published))}, where {key} "
+                    "is; give it another name."
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check_memory(self) -> Self:
+        for demand in demands(self):
+            if demand.gib > LIMIT_GIB:
+                values = [f"{key} = {shown(attrgetter(key)(self))}" for key in demand.keys]
+                raise ValueError(
+                    f"{', '.join(values)}: {demand.what} would take {demand.gib:.2g} GiB of memory at once; make "
+                    "something smaller."
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         named = [("control_layout", self.control_layout), ("map_layout", self.map_layout)]
         for key, layout in [*named, *(("training_layouts", layout) for layout in self.training_layouts)]:
             if layout.channels != self.channels:
@@ -162,6 +212,10 @@ class Config(Settings):
         return Store(self.store, [self.reference] if self.models == "reference" else [], self.versions == "any")
 
 
+def _same(one: Path, other: Path) -> bool:
+    return os.path.abspath(one) == os.path.abspath(other)
+
+
 def label(config: Config) -> str:
     """What tells a job from the others of its sweep."""
     layout, size = config.control_layout.name, config.model.context_size
@@ -173,6 +227,6 @@ def plain(config: Any) -> dict[str, Any]:
     from omegaconf import OmegaConf
 
     own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
-    values = OmegaConf.to_container(own, resolve=True)
+    values = OmegaConf.to_container(own, resolve=True, throw_on_missing=True)
     assert isinstance(values, dict)
     return {str(key): value for key, value in values.items()}

@@ -4,7 +4,6 @@
 keeps one in `runs/reference`.
 """
 
-import json
 import shutil
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +13,7 @@ from affmap.command import command
 from affmap.config import Config
 from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.provenance import PROVENANCE, without_places
+from affmap.report import provenance
 from affmap.report.records import Job
 from affmap.report.tables import Results, join
 from affmap.settings import ConfigError
@@ -76,7 +76,7 @@ def check_output(asked: Sweep) -> None:
     configs = [*asked.configs, *(growth.configs if growth else [])]
     path = output / PROVENANCE
     digests = {stage.digest for config in configs for stage in stages(config)}
-    if path.is_file() and not {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} <= digests:
+    if path.is_file() and not provenance.digests(path) <= digests:
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
 

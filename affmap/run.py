@@ -23,11 +23,14 @@ from affmap.sweep import Sweep
 
 log = logging.getLogger("affmap")
 
+HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
+"""Hydra's own flags that print something and run nothing."""
+
 
 def main() -> None:
     """`affmap`: run what is not complete yet."""
-    if flags():
-        _job()  # Hydra's own flags, such as --help and --cfg
+    if HYDRA & {flag.partition("=")[0] for flag in flags()}:
+        _job()
         return
     command(lambda arguments: _run_sweep(Sweep.read(arguments)))
 

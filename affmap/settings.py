@@ -5,18 +5,96 @@ defaults, so that a value stands in exactly one place, in `conf/`. It knows noth
 """
 
 import re
-from collections.abc import Mapping, Sequence
+import unicodedata
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from affmap.errors import ConfigError as ConfigError
+from affmap.errors import one_line, sentences, shown
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
+"""Names that are safe in a path on every system."""
+
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Limits of what is measured. No length, mass, time, rate or weight of an experiment comes near them in any unit, and
+single precision can still square and divide what lies between them."""
 
 
-class ConfigError(ValueError):
-    """A configuration that cannot be used; the message names the key, the value and what would be right."""
+def _number(value: Any) -> Any:
+    if isinstance(value, bool):  # which Python counts among the numbers
+        raise ValueError("should be a number, not true or false")
+    return value
+
+
+def _not_huge(value: float) -> float:
+    if abs(value) > LARGEST:
+        raise ValueError(f"should be between {-LARGEST:g} and {LARGEST:g}")
+    return value + 0.0  # one zero: -0.0 would be another configuration
+
+
+def _not_tiny(value: float) -> float:
+    if 0 < abs(value) < SMALLEST:
+        raise ValueError(f"should be at least {SMALLEST:g}")
+    return value
+
+
+def check_line(text: str) -> str:
+    """A text for people to read, as it came.
+
+    Raises:
+        ValueError: it has characters that end its line, control a terminal or turn the direction of what follows.
+    """
+    wrong = [
+        c
+        for c in text
+        if unicodedata.category(c) in {"Cc", "Cs", "Zl", "Zp"}
+        or unicodedata.bidirectional(c) in {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
+    ]
+    if wrong:
+        raise ValueError(f"should be a line of text, without characters such as {wrong[0]!r} that do not print")
+    return text
+
+
+def check_folder(path: Path) -> Path:
+    """The path of a folder, as it came.
+
+    Raises:
+        ValueError: it cannot be written to, or does not end in a name (which copies of the folder are called by).
+    """
+    check_line(str(path))
+    if path.name in ("", ".."):
+        raise ValueError("should be the path of a folder and end in its name")
+    if max(len(part.encode()) for part in path.parts) > 255 or len(str(path).encode()) > 3000:
+        raise ValueError("should be shorter: systems allow 255 bytes for a name and 4096 for a path")
+    return path
+
+
+Number = Annotated[float, BeforeValidator(_number), AfterValidator(_not_huge)]
+"""A number, such as a coordinate."""
+Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
+"""A measure that cannot be 0."""
+NonNegative = Annotated[Number, Field(ge=0)]
+"""A measure, or 0 where something is not there."""
+Share = Annotated[Number, Field(ge=0, le=1)]
+"""A part of the whole."""
+
+Count = Annotated[int, BeforeValidator(_number), Field(gt=0, le=10**6)]
+"""How many there are of something: a million at most, a thousand times what takes days."""
+CountOrNone = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**6)]
+"""The same, or 0."""
+Seed = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**18)]
+"""What random numbers are derived from: it must fit 64 bits, also after a member's number has been added to it."""
+
+Line = Annotated[str, Field(strict=True, min_length=1, max_length=500), AfterValidator(check_line)]
+"""A text on one line."""
+Name = Annotated[str, Field(strict=True, pattern=NAME)]
+"""The name of something that has a file or folder of its own."""
+Folder = Annotated[Path, AfterValidator(check_folder)]
 
 
 class Settings(BaseModel):
@@ -48,50 +126,8 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(values)
         except ValidationError as error:
-            found = [
-                f"{(origins or {}).get(str(item['loc'][0]) if item['loc'] else '', origin)}: {sentence(item, values)}"
-                for item in error.errors(include_url=False)
-            ]
-            raise ConfigError("\n".join(found)) from None
-
-
-def sentence(item: ErrorDetails, values: Mapping[str, Any]) -> str:
-    """What is wrong with a value, in a sentence: key = value, what is wrong, what would be right."""
-    key = _key(item["loc"], values)
-    problem = re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
-    if item["type"] == "missing":
-        return f"{key} is missing; add the key."
-    if item["type"] == "extra_forbidden":
-        return f"{key} = {item['input']!r} is not a known key; remove it or correct its spelling."
-    if item["type"] == "union_tag_invalid":
-        tags = item["ctx"]["expected_tags"].replace(", ", " or ")
-        return f"{key}.kind = {item['ctx']['tag']!r} is not allowed: it should be {tags}."
-    if item["type"] == "value_error" and isinstance(item["input"], Mapping):
-        return f"{key}: {problem}" if key else problem  # a check of several keys names them and their values itself
-    if isinstance(item.get("ctx", {}).get("error"), ConfigError):
-        return f"{key} = {item['input']!r}: {problem}"  # the value names a file with a mistake of its own
-    return f"{key} = {item['input']!r} is not allowed: it {problem}."
-
-
-def _key(location: Sequence[int | str], values: Any) -> str:
-    """The dotted key of a place in `values`."""
-    key = ""
-    for part in location:
-        if _is_alternative(part, values):
-            continue
-        key += f"[{part}]" if isinstance(part, int) else f".{part}"
-        try:
-            values = values[part]
-        except (KeyError, IndexError, TypeError):
-            values = None
-    return key.lstrip(".")
-
-
-def _is_alternative(part: int | str, values: Any) -> bool:
-    """Whether pydantic names no key here but the alternative that it chose, by `kind` or by the kind of value."""
-    if isinstance(values, Mapping):
-        return part not in values and values.get("kind") == part
-    return isinstance(part, str)
+            found = error.errors(include_url=False)
+            raise ConfigError(sentences(found, values, origin, origins or {})) from None
 
 
 def folder() -> Path:
@@ -105,13 +141,19 @@ def read(group: str, name: str) -> dict[str, Any]:
     """The plain content of `conf/<group>/<name>.yaml`.
 
     Raises:
-        ConfigError: there is no such file, and the message lists those there are; or it holds no keys.
+        ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is not
+            plain YAML.
     """
     path = folder() / group / f"{name}.yaml"
+    known = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
+    if not re.fullmatch(NAME, name):
+        raise ConfigError(f"{shown(name)} cannot be the name of a file; conf/{group} holds: {known}.")
     if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {known}.")
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"conf/{group}/{name}.yaml is not plain YAML: {one_line(str(error))}.") from None
     if not isinstance(content, dict):
-        raise ConfigError(f"conf/{group}/{name}.yaml holds {content!r}; it should hold `key: value` lines.")
+        raise ConfigError(f"conf/{group}/{name}.yaml holds {shown(content)}; it should hold `key: value` lines.")
     return content

@@ -427,7 +427,7 @@ def test_the_reference_s_models_are_found() -> None:
 KEYS = ("vision_lr", "transition_lr", "vision_max_norm", "transition_max_norm")
 
 
-@given(st.dictionaries(st.sampled_from(KEYS), st.lists(st.floats(1e-30, 1e30), min_size=1, max_size=3)))
+@given(st.dictionaries(st.sampled_from(KEYS), st.lists(st.floats(1e-12, 1e12), min_size=1, max_size=3)))
 def test_lists_make_trials_if_they_have_one_length(lists: dict[str, list[float]]) -> None:
     """Counted by hand; the values are those given, also in a stage's configuration, and other keys keep theirs."""
     lengths = {len(values) for values in lists.values()}

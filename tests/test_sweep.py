@@ -4,7 +4,6 @@ import itertools
 from collections.abc import Sequence
 
 import pytest
-from hydra.errors import HydraException
 
 from affmap import sweep
 from affmap.settings import ConfigError
@@ -74,8 +73,8 @@ def test_several_experiments_at_once_are_refused(line: list[str]) -> None:
     [
         (["contextsize=3"], "Could not override 'contextsize'"),
         (["model.contextsize=3"], "Could not override 'model.contextsize'"),
-        (["planner=oracle"], "Could not find 'planner/oracle'(.|\n)*cem(.|\n)*gradient"),
-        (["experiment=exp99"], "Could not find 'experiment/exp99'(.|\n)*exp1"),
+        (["planner=oracle"], "Could not find 'planner/oracle'.*cem.*gradient"),
+        (["experiment=exp99"], "Could not find 'experiment/exp99'.*exp1"),
         (["model.context_size"], "model.context_size"),
         (["model.context_size=[1"], "no viable alternative at input .\\[1"),
         (["planner=gradient", "planner.num_elites=3"], "planner.num_elites"),
@@ -83,7 +82,7 @@ def test_several_experiments_at_once_are_refused(line: list[str]) -> None:
 )
 def test_a_line_that_hydra_does_not_understand_is_told(line: list[str], message: str) -> None:
     """The part that is wrong, and the options there are."""
-    with pytest.raises(HydraException, match=message):
+    with pytest.raises(ConfigError, match=f"^this cannot be read: .*{message}"):
         sweep.jobs(sweep.complete(line))
 
 

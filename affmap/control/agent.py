@@ -7,7 +7,7 @@ stack, a look-up and a planner; it knows no environment.
 from typing import Any, NamedTuple
 
 import torch
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field
 from torch import Tensor
 
 from affmap.gaussian import Gaussian, nll
@@ -17,27 +17,27 @@ from affmap.model.stack import Stack
 from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner
-from affmap.settings import Settings
+from affmap.settings import Count, NonNegative, Positive, Settings
 
 
 class ControlSettings(Settings):
     """How agents are controlled and evaluated (`conf/control`)."""
 
-    num_steps: PositiveInt
+    num_steps: Count
     """T, steps of a run."""
-    runs_per_member: PositiveInt
+    runs_per_member: Count
     """Run r of a member starts in corner r modulo 4."""
-    beta: NonNegativeFloat
+    beta: NonNegative
     """Weight of the uncertainty in the expected free energy."""
-    goal_std_far: PositiveFloat
+    goal_std_far: Positive
     """Standard deviation of the desired position, u."""
-    goal_std_near: PositiveFloat
+    goal_std_near: Positive
     """The same once the goal is near, u."""
-    near_distance: PositiveFloat
+    near_distance: Positive
     """Distance to the goal below which it is near, u."""
-    goal_radius: PositiveFloat
+    goal_radius: Positive
     """Distance to the goal below which it is reached, u."""
-    device: str = Field(pattern=r"^(cpu|cuda(:\d+)?)$", exclude=True)
+    device: str = Field(pattern=r"^(cpu|cuda(:[0-9]{1,2})?)$", exclude=True)
     """Where to plan: cpu or cuda."""
 
 

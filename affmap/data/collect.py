@@ -17,29 +17,29 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
+from pydantic import model_validator
 
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
-from affmap.settings import Settings
+from affmap.settings import Count, Seed, Settings, Share
 
 
 class Exploration(Settings):
     """How data are collected (`conf/data`)."""
 
-    seed: NonNegativeInt
+    seed: Seed
     """Seed of exploration and of the batch order."""
-    num_sequences: PositiveInt
+    num_sequences: Count
     """Sequences in each world."""
-    num_steps: PositiveInt
+    num_steps: Count
     """T, steps of a sequence."""
-    num_validation: PositiveInt
+    num_validation: Count
     """How many of the sequences of each world, the last ones, are kept for validation."""
-    max_hold: PositiveInt
+    max_hold: Count
     """Each action is held for 1 to `max_hold` steps; longer holds reach higher speeds."""
-    binary_share: float = Field(ge=0, le=1)
+    binary_share: Share
     """Share of the actions whose throttles are fully open or closed; the others are uniform in [0, 1]."""
 
     @model_validator(mode="after")

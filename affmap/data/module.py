@@ -16,6 +16,7 @@ from torch.utils.data import DataLoader, IterableDataset
 from affmap.data.collect import Exploration
 from affmap.model.windows import Windows, take_apart
 from affmap.random import generator
+from affmap.reading import arrays, reading
 
 
 class Batch(NamedTuple):
@@ -35,9 +36,10 @@ class Batch(NamedTuple):
 
 def read(path: Path) -> Batch:
     """A data set (see `affmap.data.collect`) as one batch of all its S sequences."""
-    with np.load(path, allow_pickle=False) as arrays:
-        delta = torch.from_numpy(np.diff(arrays["position"], axis=1, prepend=arrays["position"][:, :1]))
-        views, action = torch.from_numpy(arrays["view"]), torch.from_numpy(arrays["action"])
+    found = arrays(path)
+    with reading(path):
+        delta = torch.from_numpy(np.diff(found["position"], axis=1, prepend=found["position"][:, :1]))
+        views, action = torch.from_numpy(found["view"]), torch.from_numpy(found["action"])
     return Batch(take_apart(views[None]), delta[None, :, :-1], action[None], delta[None, :, 1:], is_first=True)
 
 

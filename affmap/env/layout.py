@@ -10,10 +10,10 @@ from itertools import product
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from affmap.effects import EFFECTS
-from affmap.settings import Settings
+from affmap.settings import Line, Name, Number, Positive, Settings
 from affmap.view import Map
 
 
@@ -30,13 +30,13 @@ EffectName = Annotated[str, AfterValidator(_known)]
 class Circle(Settings):
     """A round part of the world."""
 
-    center: tuple[float, float]
+    center: tuple[Number, Number]
     """x, y in u."""
-    radius: PositiveFloat
+    radius: Positive
     """u."""
     effect: EffectName
     """What it does to the vehicle: blocks it, corrupts its reported position, pulls it, or nothing."""
-    channel: str
+    channel: Line
     """Name of the channel of the view that it is painted in."""
 
 
@@ -46,16 +46,16 @@ class Arena(Settings):
     Corners are numbered 0 lower left, 1 lower right, 2 upper left, 3 upper right; `3 - corner` is the opposite one.
     """
 
-    name: str
-    size: tuple[PositiveFloat, PositiveFloat]
+    name: Name
+    size: tuple[Positive, Positive]
     """Width and height of the arena, u."""
-    channels: tuple[str, ...] = Field(min_length=1)
+    channels: tuple[Line, ...] = Field(min_length=1)
     """Names of the channels of the view, in order."""
-    border_channel: str
+    border_channel: Line
     """Channel that everything outside the arena is painted in."""
-    start_margin: PositiveFloat
+    start_margin: Positive
     """Distance of the corner squares to the borders, u."""
-    start_side: PositiveFloat
+    start_side: Positive
     """Side of the corner squares, u."""
 
     @model_validator(mode="after")
@@ -83,7 +83,7 @@ class Layout(Arena):
             (x, y), (width, height) = circle.center, self.size
             if not (0 <= x <= width and 0 <= y <= height):
                 raise ValueError(
-                    f"circles[{index}].center = {[x, y]} is outside the arena; "
+                    f"circles[{index}].center = {[x, y]} is outside the arena of size {[width, height]}; "
                     f"x must be in [0, {width}] and y in [0, {height}]."
                 )
             if circle.channel not in self.channels:
@@ -133,8 +133,9 @@ class Layout(Arena):
             if gap < radius:
                 raise ValueError(
                     f"layout {self.name!r}: circles[{index}] (center {list(circle.center)}, radius {circle.radius}) "
-                    f"blocks the start corner x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g}: an obstacle "
-                    f"must stay at least {radius} away from it."
+                    f"blocks the start corner x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g} "
+                    f"(start_margin = {self.start_margin}, start_side = {self.start_side}, size = {list(self.size)}): "
+                    f"an obstacle must stay at least {radius} away from it."
                 )
 
     @property

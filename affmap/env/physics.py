@@ -10,11 +10,11 @@ from typing import Self
 
 import Box2D
 import numpy as np
-from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+from pydantic import model_validator
 
 from affmap.effects import PULLS
 from affmap.env.layout import Layout
-from affmap.settings import Settings
+from affmap.settings import Count, NonNegative, Positive, Settings
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
@@ -23,25 +23,25 @@ THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / mat
 class Vehicle(Settings):
     """Physical constants (`conf/vehicle`)."""
 
-    radius: PositiveFloat
+    radius: Positive
     """u."""
-    mass: PositiveFloat
+    mass: Positive
     """kg."""
-    thrust: PositiveFloat
+    thrust: Positive
     """Force of one throttle fully open, N."""
-    damping: NonNegativeFloat
+    damping: NonNegative
     """Linear damping in free flight, 1/s."""
-    contact_damping: NonNegativeFloat
+    contact_damping: NonNegative
     """Linear damping while touching an obstacle or a border, 1/s."""
-    force: NonNegativeFloat
+    force: NonNegative
     """Strength of a force field, N."""
-    fog_std: NonNegativeFloat
+    fog_std: NonNegative
     """Standard deviation of the noise on each coordinate of the position reported from inside fog, u."""
-    time_step_s: PositiveFloat
+    time_step_s: Positive
     """Duration of a step, s."""
-    velocity_iterations: PositiveInt
+    velocity_iterations: Count
     """Box2D's solver iterations for velocities, a step."""
-    position_iterations: PositiveInt
+    position_iterations: Count
     """Box2D's solver iterations for positions, a step."""
 
     @model_validator(mode="after")
@@ -49,8 +49,8 @@ class Vehicle(Settings):
         for key in ("damping", "contact_damping"):
             if getattr(self, key) * self.time_step_s >= 1:
                 raise ValueError(
-                    f"{key} = {getattr(self, key)} would stop the vehicle for good; "
-                    f"it must be below 1 / time_step_s = {1 / self.time_step_s:g}."
+                    f"{key} = {getattr(self, key)} with time_step_s = {self.time_step_s} would stop the vehicle for "
+                    f"good; it must be below 1 / time_step_s = {1 / self.time_step_s:g}."
                 )
         return self
 

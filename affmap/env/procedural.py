@@ -12,13 +12,13 @@ Circles that need not keep the gap are never pushed, shrunk or taken away: they 
 """
 
 import math
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, model_validator
 
 from affmap.env.layout import Arena, Circle, EffectName, Layout
-from affmap.settings import Settings
+from affmap.settings import Count, Line, NonNegative, Positive, Settings
 
 ROUNDS = 300
 """Rounds in which the circles shrink; as many again follow at the smallest radius."""
@@ -27,13 +27,16 @@ ATTEMPTS = 10
 SLACK = 0.03
 """Circles are pushed this much further apart than they must be, in smallest radii: pushing comes close, never quite."""
 
+NumCircles = Annotated[Count, Field(le=1000)]
+"""How many circles; a draw compares each with each, hundreds of times."""
+
 
 class Property(Settings):
     """A kind of circle."""
 
     effect: EffectName
     """What it does to the vehicle."""
-    channel: str
+    channel: Line
     """Name of the channel of the view that it is painted in."""
     spaced: bool
     """Whether it keeps the gap to all other spaced circles; if not, it may overlap anything."""
@@ -42,15 +45,15 @@ class Property(Settings):
 class Procedural(Arena):
     """Rules for random worlds (`conf/layout/procedural_*.yaml`)."""
 
-    count: tuple[PositiveInt, PositiveInt]
+    count: tuple[NumCircles, NumCircles]
     """Smallest and largest number of circles."""
     count_of: Literal["property", "world"]
     """Whether that is the number of each property's circles, or of all, each of a property drawn at random."""
-    radius: tuple[PositiveFloat, PositiveFloat]
+    radius: tuple[Positive, Positive]
     """Smallest and largest radius, u."""
-    gap: NonNegativeFloat
+    gap: NonNegative
     """Smallest distance between spaced circles, and from any circle to the borders, u."""
-    corner_side: PositiveFloat
+    corner_side: Positive
     """Side of the squares in the arena's corners that no circle reaches into, u."""
     properties: tuple[Property, ...] = Field(min_length=1)
 
@@ -92,14 +95,24 @@ class Procedural(Arena):
         Raises:
             ValueError: none was found, so many or so large circles do not fit.
         """
-        for _ in range(ATTEMPTS):
+        for _ in range(ATTEMPTS if self._has_area() else 0):  # in vain, many circles take minutes
             circles = self._attempt(rng)
             if circles is not None:
                 return Layout(circles=circles, **{key: getattr(self, key) for key in Arena.model_fields})
         raise ValueError(
-            f"layout {self.name!r}: no world was found in {ATTEMPTS} attempts, not even with the smallest count and "
-            f"radius; make count = {list(self.count)}, radius = {list(self.radius)} or gap = {self.gap} smaller."
+            f"layout {self.name!r}: no world was found, not even with the smallest count and "
+            f"radius; make count = {list(self.count)}, radius = {list(self.radius)}, gap = {self.gap} or "
+            f"corner_side = {self.corner_side} smaller, or size = {list(self.size)} larger."
         )
+
+    def _has_area(self) -> bool:
+        """Whether the fewest and smallest circles, each with half of the gap around it, have less area than the arena.
+
+        Where circles are of kinds drawn at random, perhaps none of them is spaced.
+        """
+        spaced = [kind.spaced for kind in self.properties]
+        groups = sum(spaced) if self.count_of == "property" else all(spaced)
+        return groups * self.count[0] * math.pi * (self.radius[0] + self.gap / 2) ** 2 < math.prod(self.size)
 
     def _attempt(self, rng: np.random.Generator) -> tuple[Circle, ...] | None:
         """The circles of a world, or nothing if those drawn do not fit."""

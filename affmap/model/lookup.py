@@ -10,21 +10,21 @@ from collections.abc import Sequence
 from typing import Protocol, Self
 
 import torch
-from pydantic import NonNegativeFloat, model_validator
+from pydantic import model_validator
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from affmap.model.codes import ViewCodes
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
-from affmap.settings import Settings
+from affmap.settings import NonNegative, Settings
 from affmap.view import Map, view, views
 
 
 class LookupSettings(Settings):
     """Where planners take context codes from (`conf/lookup`)."""
 
-    spacing: NonNegativeFloat
+    spacing: NonNegative
     """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
     position, as in the paper."""
     differentiable: bool

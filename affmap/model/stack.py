@@ -3,24 +3,23 @@
 from collections.abc import Sequence
 
 import torch
-from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 
 from affmap.model.transition import TransitionModel
 from affmap.model.vision import VisionModel
 from affmap.model.windows import Windows
 from affmap.random import integer
-from affmap.settings import Settings
+from affmap.settings import Count, CountOrNone, Positive, Settings
 
 
 class ModelSettings(Settings):
     """The architecture (`conf/model`)."""
 
-    context_size: NonNegativeInt
+    context_size: CountOrNone
     """C, length of the context code; 0 is a transition model that sees nothing."""
-    hidden_size: PositiveInt
+    hidden_size: Count
     """Hidden units of the transition model."""
-    delta_scale: PositiveFloat
+    delta_scale: Positive
     """Factor on the change of position, for inputs and predictions."""
 
 

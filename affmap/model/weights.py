@@ -6,6 +6,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from affmap.model.stack import Stack
+from affmap.reading import reading
 
 WEIGHTS = "weights.safetensors"
 
@@ -24,6 +25,11 @@ def save(weights: dict[str, Tensor], path: Path) -> None:
 
 
 def restore(stack: Stack, path: Path) -> Stack:
-    """Give a stack the weights at `path`."""
-    stack.load_state_dict(load_file(path))
+    """Give a stack the weights at `path`.
+
+    Raises:
+        ConfigError: the file is not what it should be, or holds the weights of another stack.
+    """
+    with reading(path):
+        stack.load_state_dict(load_file(path))
     return stack.eval()

@@ -11,15 +11,15 @@ evaluated, and the distribution moves to the elites. What each modification is t
 """
 
 import math
-from typing import Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 import torch
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, model_validator
 from torch import Tensor
 
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
-from affmap.settings import Settings
+from affmap.settings import Count, CountOrNone, Positive, Settings, Share
 
 SQRT_2 = math.sqrt(2)
 
@@ -37,18 +37,18 @@ class CEMPlanner(Settings):
     """The cross-entropy method (`conf/planner/cem.yaml`)."""
 
     kind: Literal["cem"]
-    horizon: PositiveInt
+    horizon: Count
     """H, steps."""
-    num_candidates: PositiveInt
+    num_candidates: Count
     """N, candidates drawn an iteration; kept elites are evaluated besides."""
-    num_elites: PositiveInt
+    num_elites: Count
     """Candidates that the distribution is estimated from."""
-    num_kept: NonNegativeInt
+    num_kept: CountOrNone
     """K, elites that join the next iteration's candidates."""
-    num_iterations: PositiveInt
-    initial_mean: float = Field(ge=0, le=1)
-    initial_variance: PositiveFloat
-    momentum: float = Field(ge=0, lt=1)
+    num_iterations: Count
+    initial_mean: Share
+    initial_variance: Positive
+    momentum: Annotated[Share, Field(lt=1)]
     """Weight of the old mean and variance."""
 
     @model_validator(mode="after")

@@ -5,14 +5,14 @@ to [0, 1], and an early stop: a problem whose last update made its cost larger t
 After the search the actions are shifted by a step for a warm start.
 """
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import torch
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field
 from torch import Tensor
 
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
-from affmap.settings import Settings
+from affmap.settings import Count, Positive, Settings, Share
 
 
 class GradientState(NamedTuple):
@@ -26,15 +26,15 @@ class GradientPlanner(Settings):
     """Gradient descent on actions (`conf/planner/gradient.yaml`)."""
 
     kind: Literal["gradient"]
-    horizon: PositiveInt
+    horizon: Count
     """H, steps."""
-    num_iterations: PositiveInt
+    num_iterations: Count
     """Updates at the most."""
-    initial_action: float = Field(ge=0, le=1)
+    initial_action: Share
     """What all throttles are before the first plan."""
-    learning_rate: PositiveFloat
+    learning_rate: Positive
     """Mean over the horizon."""
-    decay: float = Field(gt=0, le=1)
+    decay: Annotated[Share, Field(gt=0)]
     """Ratio of the learning rates of a step and the next."""
 
     def initial(self, num_problems: int, device: torch.device | str = "cpu") -> GradientState:

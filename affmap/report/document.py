@@ -80,7 +80,7 @@ def check(output: Path, results: Results) -> None:
         ConfigError: it is not, or there is none.
     """
     path, digests = output / PROVENANCE, {record["digest"] for record in results.provenance.values()}
-    if not path.is_file() or {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]} != digests:
+    if not path.is_file() or provenance.digests(path) != digests:
         raise ConfigError(f"{output} holds no report of these results; run affmap-report for them first.")
 
 

@@ -98,7 +98,13 @@ def _save(figure: Figure, path: Path, notice: str | None) -> None:
         assert isinstance(engine, ConstrainedLayoutEngine)
         engine.set(rect=(0.0, 0.0, 1.0, 1.0 - 0.16 * len(lines) / height))  # subfigures make no room for a title
         top = 1.0 - 0.04 / height
-        figure.text(0.5, top, "\n".join(lines), ha="center", va="top", color="red", fontsize=8, fontweight="bold")
+        style: dict[str, Any] = {
+            "color": "red",
+            "fontsize": 8,
+            "fontweight": "bold",
+            "parse_math": False,
+        }  # a dollar is a dollar
+        figure.text(0.5, top, "\n".join(lines), ha="center", va="top", **style)
     figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
     figure.set_layout_engine("none")  # as it was laid out for the first file, once
     figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})

@@ -1,11 +1,13 @@
 """Where the results come from, and what they cost: the stages' own provenance, once each, without what they repeat."""
 
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from affmap.effects import EFFECTS
+from affmap.reading import reading
 from affmap.report.records import STAGES
 from affmap.report.tables import Results
 from affmap.report.text import NOTHING, points
@@ -22,6 +24,12 @@ class Cost(NamedTuple):
     stage: str
     folders: int
     seconds: float
+
+
+def digests(path: Path) -> set[str]:
+    """Of the stages that the report with the provenance at `path` was made of."""
+    with reading(path):
+        return {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]}
 
 
 def summarize(results: Results) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from affmap.provenance import PROVENANCE, canonical
+from affmap.reading import arrays, reading
 from affmap.report.records import PLANNERS, STAGES, Exploration, Job, Maps, Trajectories, World
 from affmap.settings import ConfigError
 
@@ -156,8 +157,9 @@ class Results:
     def worlds(self, job: Job) -> list[World]:
         """The world of each of a job's B runs."""
         config = self.provenance[job.control[0]]["config"]
-        flown = [json.loads((folder / LAYOUTS).read_text("utf-8")) for folder in job.control]
-        return [World.of(layout, config["vehicle"]) for layouts in flown for layout in layouts]
+        flown = [layout for folder in job.control for layout in _read_json(folder / LAYOUTS)]
+        with reading(job.control[0] / LAYOUTS):
+            return [World.of(layout, config["vehicle"]) for layout in flown]
 
     def trajectories(self, job: Job) -> Trajectories:
         """What control recorded in one setting."""
@@ -169,7 +171,7 @@ class Results:
         """Stage folder -> what it says about its origin; in the order of the stages."""
         jobs = [*self.jobs, *([self.growth] if self.growth else [])]
         folders = dict.fromkeys(folder for stage in STAGES for job in jobs for folder in getattr(job, stage))
-        return {folder: _read_provenance(folder) for folder in folders}
+        return {folder: _read_provenance(folder / PROVENANCE) for folder in folders}
 
 
 def join(jobs: Sequence[Job]) -> tuple[Job, ...]:
@@ -180,7 +182,7 @@ def join(jobs: Sequence[Job]) -> tuple[Job, ...]:
     """
     settings: dict[str, list[tuple[range, Job]]] = {}
     for job in jobs:
-        configs = [_read_provenance(folder)["config"] for folder in (*job.map, *job.control)]
+        configs = [_read_provenance(folder / PROVENANCE)["config"] for folder in (*job.map, *job.control)]
         rest = [{key: value for key, value in config.items() if key not in ("seed", "members")} for config in configs]
         seed, members = configs[-1]["seed"], configs[-1]["members"]
         settings.setdefault(canonical(rest), []).append((range(seed, seed + members), job))
@@ -218,11 +220,6 @@ def read_maps(folders: Sequence[Path]) -> Maps:
     )
 
 
-def _read_provenance(folder: Path) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
-    return record
-
-
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:
     """Average a metric over the runs of each member: one row per member, one column per setting, ascending.
 
@@ -244,16 +241,31 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
     table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
 
 
+def _read_json(path: Path) -> Any:
+    with reading(path):
+        return json.loads(path.read_text("utf-8"))
+
+
+def _read_provenance(path: Path) -> dict[str, Any]:
+    with reading(path):
+        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        for key in ("stage", "digest", "config"):
+            record[key]
+        return record
+
+
 def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    table = pd.read_csv(path)
+    with reading(path):
+        table = pd.read_csv(path)
     missing = [column for column in columns if column not in table]
     if missing:
-        raise ValueError(
+        raise ConfigError(
             f"{path} lacks the columns {missing}: another version wrote it; remove its folder and run again."
         )
     return table[list(columns)]
 
 
 def _read_arrays(record: type[Record], path: Path) -> Record:
-    with np.load(path, allow_pickle=False) as arrays:
-        return record(**{field: arrays[field][()] for field in record._fields})
+    found = arrays(path)
+    with reading(path):
+        return record(**{field: found[field][()] for field in record._fields})

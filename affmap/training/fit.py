@@ -13,6 +13,7 @@ from typing import Any
 import lightning
 import numpy as np
 import pandas as pd
+import torch
 from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from lightning.pytorch.callbacks import Checkpoint
 from torch import Tensor
@@ -21,6 +22,7 @@ from affmap.data.module import DataModule
 from affmap.files import sha256, written
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
+from affmap.reading import reading
 from affmap.training.module import TrainingModule
 from affmap.training.settings import VALIDATION, TrainingSettings
 
@@ -107,8 +109,12 @@ def fit(
         enable_model_summary=False,
         callbacks=[epochs],
     )
+    checkpoint = last(checkpoints)
+    if checkpoint:
+        with reading(checkpoint):  # that of a stranger executes nothing, and is told
+            torch.load(checkpoint, map_location="cpu", weights_only=True)
     try:
-        trainer.fit(module, data, ckpt_path=last(checkpoints), weights_only=True)
+        trainer.fit(module, data, ckpt_path=checkpoint, weights_only=True)
     except SystemExit as leaving:
         if isinstance(leaving.__context__, KeyboardInterrupt):  # Lightning makes an exit of it, and goes deaf for more
             signal.signal(signal.SIGINT, signal.default_int_handler)

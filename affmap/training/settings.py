@@ -2,9 +2,9 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from affmap.settings import Settings
+from affmap.settings import Count, Positive, Settings
 
 VALIDATION = "validation.csv"
 """The table of losses that a training leaves."""
@@ -21,8 +21,7 @@ def _not_empty(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 PerTrial = Annotated[
-    Annotated[PositiveFloat, Tag("number")]
-    | Annotated[tuple[PositiveFloat, ...], AfterValidator(_not_empty), Tag("trials")],
+    Annotated[Positive, Tag("number")] | Annotated[tuple[Positive, ...], AfterValidator(_not_empty), Tag("trials")],
     Discriminator(_kind),  # one kind of value, one sentence about what is wrong with it
 ]
 """A number for all trials, or one for each of R trials."""
@@ -35,10 +34,10 @@ class TrainingSettings(Settings):
     values of lists.
     """
 
-    num_epochs: PositiveInt
-    batch_size: PositiveInt
+    num_epochs: Count
+    batch_size: Count
     """Sequences a batch."""
-    chunk_length: PositiveInt
+    chunk_length: Count
     """Steps between updates: errors are propagated back through at most so many."""
     vision_lr: PerTrial
     """Learning rate of the vision model."""
@@ -48,9 +47,9 @@ class TrainingSettings(Settings):
     """Clipping norm of the vision model's gradient, per member."""
     transition_max_norm: PerTrial
     """Clipping norm of the transition model's gradient, per member."""
-    adam_eps: PositiveFloat
+    adam_eps: Positive
     """Adam's epsilon."""
-    snapshot_epochs: tuple[PositiveInt, ...]
+    snapshot_epochs: tuple[Count, ...]
     """Epochs after which the weights are kept; the last epoch always is."""
     accelerator: Literal["cpu", "gpu", "auto"] = Field(exclude=True)
     """Where to train."""

@@ -21,6 +21,7 @@ from affmap.env import Layout, Vehicle
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import copy, restore, save
 from affmap.random import generator
+from affmap.settings import ConfigError
 from affmap.training.fit import fit, keep, last
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
@@ -484,5 +485,5 @@ def test_saved_weights_come_back(tmp_path: Path) -> None:
     for name, weight in original.state_dict().items():
         assert torch.equal(other.state_dict()[name], weight), name
     for wrong in (stack((1, 2, 3)), stack((1, 2), context_size=5), stack((1, 2), context_size=0)):
-        with pytest.raises(RuntimeError, match=r"(size mismatch|Unexpected key)"):
+        with pytest.raises(ConfigError, match=r"(size mismatch|Unexpected key)"):
             restore(wrong, tmp_path / "weights.safetensors")

@@ -1,0 +1,414 @@
+"""Bad input: every key of the configuration with bad values of every kind, and command lines that mean nothing.
+
+Each ends in sentences and status 2, and nothing is run. `AFFMAP_FUZZ=<factor>` tries that many times as many examples,
+and others at every call.
+"""
+
+import datetime
+import json
+import math
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from affmap import run, sweep
+from affmap.config import Config, plain
+from affmap.memory import LIMIT_GIB, demands
+from affmap.settings import ConfigError, check_line, read
+from affmap.stages import stages
+
+FACTOR = int(os.environ.get("AFFMAP_FUZZ", 0))
+Place = tuple[str | int, ...]
+
+DEEP: list[Any] = []
+for _ in range(50):
+    DEEP = [DEEP]
+
+BAD: dict[str, list[Any]] = {
+    "type": [None, True, False, datetime.date(2026, 1, 1), datetime.datetime(2026, 1, 1, 12), b"bytes", object(), 1j],
+    "text for something else": ["", " ", "many", "nan", "inf", "-inf", "1e400", "0x10", "None", "null", "[1, 2]", "~"],
+    "container": [[], {}, (), set(), [[]], [{}], {"": ""}, {"a": {"b": [1, None]}}, {1: 2}, [1, "a", None], DEEP],
+    "not a number": [math.nan, math.inf, -math.inf],
+    "huge": [10**12, 10**19, 2**64, 10**400, 10**4000, 1e13, 1e308, "1" * 5000],
+    "negative": [-1, -0.5, -(10**12), -(10**400), -1e308],
+    "tiny": [0, 0.0, -0.0, 5e-324, -5e-324, 1e-300],
+    "unicode": ["a\0b", "a\nb", "a\r", "\x1b[31mred", "\ud800", "\u202eevil", "\u2028", "ﷺ" * 200, "٣", "𝟙", "\ufffe"],
+    "path": [
+        "../../etc",
+        "/",
+        "..",
+        ".",
+        "a/../..",
+        "~",
+        "-rf",
+        "con:",
+        "a" * 300,
+        "a/" * 5000,
+        "$(reboot)",
+        "${name}",
+    ],
+}
+NASTY = [value for values in BAD.values() for value in values]
+
+
+def composed(*overrides: str) -> dict[str, Any]:
+    return plain(sweep._compose([*overrides]))
+
+
+def wholes() -> list[dict[str, Any]]:
+    """Configurations that hold every key there is: both planners, layouts by name and written out, both kinds."""
+    cem, gradient = composed("experiment=exp1"), composed("planner=gradient", "scale=smoke")
+    fixed, four = composed("experiment=lookups"), composed("experiment=exp5", "world=four_properties")
+    fixed |= {key: deepcopy(read("layout", "original")) for key in ("control_layout", "map_layout")}
+    fixed["training_layouts"] = [deepcopy(read("layout", "original"))]
+    four["control_layout"] = deepcopy(read("layout", "procedural_few_easy"))
+    return [cem, gradient, fixed, four]
+
+
+def places(value: Any, above: Place = ()) -> Iterator[Place]:
+    """Every place in nested mappings and lists, containers included."""
+    if above:
+        yield above
+    parts = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    for part in parts:
+        yield from places(value[part], (*above, part))
+
+
+def replaced(values: Any, place: Place, value: Any) -> Any:
+    """A copy of nested mappings and lists with another value at a place."""
+    if not place:
+        return value
+    first, *rest = place
+    changed = dict(values) if isinstance(values, dict) else list(values)
+    changed[first] = replaced(values[first], tuple(rest), value)
+    return changed
+
+
+WHOLES = wholes()
+PLACES = [(number, place) for number, values in enumerate(WHOLES) for place in places(values)]
+
+
+def leaves(value: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value of a checked configuration that holds no others, and its dotted key."""
+    if isinstance(value, BaseModel):
+        value = {key: getattr(value, key) for key in type(value).model_fields}
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield f"{above}.{key}", key
+            yield from leaves(part, f"{above}.{key}")
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from leaves(part, above)
+    else:
+        yield above, value
+
+
+def check_sane(config: Config) -> None:
+    """A configuration that was accepted can be run as far as its values can tell."""
+    for key, value in leaves(config):
+        if isinstance(value, str):
+            assert value and check_line(value) == value and len(value) <= 1000, key
+        elif isinstance(value, Path):
+            assert value.name not in ("", "..") and "\0" not in str(value) and len(os.fsencode(value)) < 4096, key
+        elif value is not None:
+            assert type(value) in (bool, int, float), key
+            assert math.isfinite(value) and abs(value) <= (1e18 if key.endswith("seed") else 1e12), key
+            assert type(value) is bool or math.copysign(1, value) == 1 or value < 0, key
+    assert all(demand.gib <= LIMIT_GIB for demand in demands(config))
+    assert len({os.path.abspath(path) for path in (config.output, config.store, config.reference)}) == 3
+    for stage in stages(config):
+        json.dumps(stage.config, allow_nan=False).encode()
+        assert len(stage.digest) == 16
+
+
+def check_told(message: str, origin: str = "the test: ") -> None:
+    """One sentence a line, nothing raw in it, none of the depths in it."""
+    lines = message.split("\n")
+    assert 1 <= len(lines) <= 11
+    for line in lines:
+        assert line.startswith((origin, "... and ")), line
+        assert line.isprintable() and line.endswith(".") and len(line) < 1000, line
+        assert not [word for word in ("pydantic", "http", "Traceback", "Error:", "Exception") if word in line], line
+
+
+def written(value: Any) -> list[str]:
+    """How a message may show a value."""
+    forms: list[Callable[[Any], str]] = [
+        repr,
+        lambda value: repr(str(value).encode("utf-8", "surrogatepass").decode("utf-8", "replace")),
+        lambda value: repr(float(value) + 0.0),
+        lambda value: repr(int(value)),
+    ]
+    found = []
+    for form in forms:
+        try:
+            found.append(form(value))
+        except (ValueError, TypeError, OverflowError):
+            continue
+    return [text if len(text) < 50 else text[:30] for text in found] or ["too large to be shown"]
+
+
+def attempt(number: int, place: Place, value: Any) -> str:
+    """Put a value at a place of a whole configuration; returns what came of it."""
+    try:
+        config = Config.checked(replaced(WHOLES[number], place, value), "the test")
+    except ConfigError as error:
+        message = str(error)
+        check_told(message)
+        assert [part for part in place if isinstance(part, str)][-1] in message, message
+        if not isinstance(value, (dict, list, tuple, set)):
+            assert any(text in message for text in written(value)), message
+        return "refused"
+    check_sane(config)
+    return "accepted"
+
+
+def tell(what: str, tried: Counter[str], least: int, record_property: Callable[[str, object], None]) -> None:
+    """Put on record how many inputs were tried."""
+    record_property(what, tried.total())
+    print(f"{what}: {tried.total()} tried, {tried['refused']} refused, {tried['accepted']} accepted.")
+    assert tried.total() >= least
+
+
+def examples(number: int) -> settings:
+    return settings(
+        max_examples=number * max(FACTOR, 1),
+        derandomize=not FACTOR,
+        deadline=None,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
+
+
+def test_every_key_with_every_bad_value(record_property: Callable[[str, object], None]) -> None:
+    """All keys of conf/ times all values of the list above: a sentence with key and value, or sane settings."""
+    tried: Counter[str] = Counter()
+    for number, place in PLACES:
+        for value in NASTY:
+            tried[attempt(number, place, value)] += 1
+    tell("bad values from a list", tried, 10_000, record_property)
+    assert tried["refused"] > 0.8 * tried.total()
+
+
+scalars = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.integers(-5, 5),
+    st.integers(0, 18).map(lambda digits: 10**digits),
+    st.floats(),
+    st.floats(0, 1),
+    st.text(max_size=20),
+    st.text(st.characters(categories=["Cc", "Cf", "Cs", "Zl", "Zp", "Co", "Cn"]), min_size=1, max_size=5),
+    st.integers(1, 10**6).map(lambda length: "x" * length),
+    st.floats().map(str),
+    st.integers().map(str),
+    st.dates(),
+    st.datetimes(),
+    st.sampled_from(NASTY),
+)
+anything = st.recursive(
+    scalars,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5) | st.integers(), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+def test_any_key_with_any_value(record_property: Callable[[str, object], None]) -> None:
+    """Values drawn at random, nested ones too."""
+    tried: Counter[str] = Counter()
+
+    @examples(3000)
+    @given(st.sampled_from(PLACES), anything)
+    def check(chosen: tuple[int, Place], value: Any) -> None:
+        tried[attempt(*chosen, value)] += 1
+
+    check()
+    tell("bad values at random", tried, 3000, record_property)
+
+
+def test_several_keys_at_once_and_keys_that_do_not_exist(record_property: Callable[[str, object], None]) -> None:
+    """Two values at once, whose sizes multiply, and keys of any text."""
+    tried: Counter[str] = Counter()
+    sizes = st.integers(0, 6).map(lambda digits: 10**digits) | st.floats(1e-13, 1e13)
+
+    @examples(2000)
+    @given(st.integers(0, len(WHOLES) - 1), st.data())
+    def check(number: int, data: st.DataObject) -> None:
+        values = WHOLES[number]
+        numeric = [place for place in places(values) if isinstance(_at(values, place), (int, float))]
+        chosen = data.draw(st.lists(st.sampled_from(numeric), min_size=2, max_size=4))
+        for place in chosen:
+            values = replaced(values, place, data.draw(sizes))
+        unknown = data.draw(st.none() | st.tuples(st.sampled_from(["model", "data", "planner"]), st.text(max_size=300)))
+        if unknown and unknown[1] not in values[unknown[0]]:
+            values = values | {unknown[0]: values[unknown[0]] | {unknown[1]: 1}}
+        try:
+            check_sane(Config.checked(values, "the test"))
+            tried["accepted"] += 1
+        except ConfigError as error:
+            check_told(str(error))
+            tried["refused"] += 1
+
+    check()
+    tell("several bad values at once", tried, 2000, record_property)
+
+
+def _at(values: Any, place: Place) -> Any:
+    for part in place:
+        values = values[part]
+    return values
+
+
+@pytest.fixture
+def command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[Sequence[str], str], str]:
+    """Call a command in this process with nothing that can be run; returns what it says.
+
+    It must say it on the error stream, end with status 2, and write nothing.
+    """
+
+    def started(*_: Any) -> NoReturn:
+        pytest.fail("a run was started")
+
+    for function in ("_job", "find", "check_models"):
+        monkeypatch.setattr(run, function, started)
+    monkeypatch.chdir(tmp_path)
+
+    def call(arguments: Sequence[str], entry: str = "affmap") -> str:
+        monkeypatch.setattr(sys, "argv", [entry, *arguments])
+        with pytest.raises(SystemExit) as leaving:
+            {"affmap": run.main, "affmap-report": run.report, "affmap-publish": run.publish}[entry]()
+        captured = capsys.readouterr()
+        assert leaving.value.code == 2 and captured.out == "" and not list(tmp_path.iterdir()), arguments
+        message = captured.err.removesuffix("\n")
+        check_told(message, "")
+        return message
+
+    return call
+
+
+# fmt: off
+LINES: dict[str, list[str]] = {
+    "cannot be read": [
+        "", " ", "a", "=", "==", "=value", "key=", "key==", "a=b=c", "{", "}", "[", ")", "@", "@=1", "~", "+", "++",
+        "title=[1", "title={a", "title='a", 'title="a', "title=${", "title=(", "title=a)", "title=f(x)", "title=\ud800",
+        "title=\x1b[0m", "title=a\nb", "title=a\0b", "title=!!python/object/apply:os.system [id]", "title=a: b}",
+        "title=" + "[" * 2000, "title=" + "[" * 2000 + "]" * 2000, "members=" + "9" * 5000, "\u202etitle=a",
+        "title=${nope}", "title=${oc.env:NOPE}", "title=${title}", "title=${hydra:nope}", "title=${nope:1}",
+        "title=${oc.decode:'{'}", "sweep=[1]", "title=${vehicle.nope}", "model.context_size=${model.context_size}",
+        "key=1", "model.key=1", "members@x=3", "planner@x=cem", "~hydra", "~nope", "defaults=[]", "+title=3",
+        "planner=", "planner=null", "planner=oracle", "planner=3", "planner=../cem", "planner={a: 1}", "sweep={a: 1.5}",
+        "store=???", "'",
+        "experiment=", "experiment=null", "experiment=exp99", "experiment=../exp1", "experiment=a\0b", "model=null",
+        "scale=huge", "models=steal", "lookup=/etc/passwd", "hydra/launcher=nope", "hydra=null", "hydra.mode=x",
+        "hydra.launcher.n_jobs=zero", "hydra.job.chdir=maybe", "hydra.run.dir=${nope}", "hydra.sweep.subdir=${nope}",
+        "seed=choice()", "seed=choice(", "seed=range()", "seed=range(a)", "seed=range(0,9,0)", "seed=interval(0,1)",
+        "seed=int(a)", "seed=tag(a,1,2)", "seed=sort(1,a)", "seed=extend_list(1)", "seed=1,,2", "seed=,",
+    ],
+    "jobs": [
+        "seed=range(3,1)", "seed=glob(*)", "seed=range(100000)", "seed=range(1000000000)", "seed=range(0,1,0.000001)",
+        "seed=shuffle(range(1000000000))", "seed=shuffle()", "seed=range(0,1,1e-300)", "planner=glob(x*)",
+    ],
+    "one name at a time": ["experiment=exp1,exp2", "experiment=[exp1,exp2]", "experiment=glob(*)"],
+    "not known here": ["--force", "-x", "--config-dir=/tmp", "--experimental-rerun=config.pickle", "--resolve"],
+    "hydra.": [
+        "hydra.launcher.n_jobs=0", "hydra.launcher.n_jobs=100000", "hydra.launcher=null", "hydra.sweep.dir=",
+        "hydra.sweep.dir=..", "hydra.run.dir=..", "hydra.sweep.subdir=", "hydra.run.dir=" + "a" * 300,
+    ],
+    "is not": [
+        "sweep=3", "sweep=null", "+sweep.seed=true", "+key=1", "++model.key=1", "growth=a b", "growth=[]",
+        "model.context_size=1,x", "model.context_size=0,1,-1", "members=range(3)", "planner=cem,gradient|sweep=4",
+        "title=${vehicle}", "title=", "title=null", "output=", "name=a/b", "name=..", "output=.", "output=/",
+        "members=1e400", "members=true", "members=nan", "threads=100000", "world=procedural_hard",
+    ],
+    "holds: fog": ["world=moon", "world=../fog", "control_layout=moon", "training_layouts=[fog,moon]"],
+    "missing": ["planner=[]", "~model", "~title", "~planner.kind", "~vehicle.radius"],
+    "folder of its own": ["output=runs/store", "store=runs/reference/store", "store=runs/../runs/single"],
+    "another name": ["output=somewhere/store"],
+    "growth of its own": ["growth=exp3"],
+    "GiB": [
+        "members=1000000", "data.num_sequences=1000000|data.num_steps=1000", "lookup.spacing=1e-6",
+        "planner.horizon=1000000|planner.num_candidates=1000", "report.map_spacing=1e-9",
+        "training.num_epochs=1000000|members=1000000", "model.hidden_size=1000000|model.context_size=1000000",
+    ],
+}
+# fmt: on
+
+
+def test_command_lines_that_mean_nothing(
+    command: Callable[..., str], record_property: Callable[[str, object], None]
+) -> None:
+    """A list by hand of what Hydra's grammar, groups and sweeps can be fed with, and what the sentence is about."""
+    tried: Counter[str] = Counter()
+    for told, lines in LINES.items():
+        for line in lines:
+            assert told in command(line.split("|")), line
+            tried["refused"] += 1
+    tell("command lines", tried, 150, record_property)
+
+
+def test_the_other_commands_read_the_same_command_lines(command: Callable[..., str]) -> None:
+    """One line of each kind."""
+    for told in ("cannot be read", "jobs", "not known here", "hydra.", "is not", "missing", "GiB"):
+        for entry in ("affmap-report", "affmap-publish"):
+            assert told in command(LINES[told][0].split("|"), entry)
+
+
+def test_any_key_of_the_command_line_with_any_value(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    record_property: Callable[[str, object], None],
+) -> None:
+    """Keys of conf/, of Hydra and of nothing, with signs and values of all kinds: a sentence and status 2, or jobs."""
+    monkeypatch.chdir(tmp_path)
+    tried: Counter[str] = Counter()
+    own = sorted({".".join(map(str, place)) for _, place in PLACES if all(isinstance(part, str) for part in place)})
+    keys = st.sampled_from(own) | st.sampled_from(["experiment", "scale", "hydra.sweep.dir", "hydra/launcher", "x", ""])
+    plain_values = [str(value) for value in NASTY if not (isinstance(value, int) and abs(value) > 10**4200)]
+    grammar = st.text(st.sampled_from("[]{}(),:='\"\\$@~+-*. \tab01"), max_size=8)
+    functions = st.sampled_from(
+        ["choice", "range", "glob", "interval", "shuffle", "sort", "int", "float", "str", "json"]
+    )
+    values = st.one_of(
+        st.sampled_from(plain_values),
+        grammar,
+        st.builds("{}({})".format, functions, grammar),
+        st.builds("'{}'".format, st.sampled_from(plain_values)),
+        st.builds("${{{}}}".format, st.sampled_from(own) | grammar),
+        st.text(max_size=10),
+    )
+
+    @examples(100)
+    @given(st.sampled_from(["", "", "", "+", "++", "~"]), keys, st.sampled_from(["=", "=", "=", "", "@"]), values)
+    def check(sign: str, key: str, equals: str, value: str) -> None:
+        accepted: list[run.Sweep] = []
+        monkeypatch.setattr(sys, "argv", ["affmap", f"{sign}{key}{equals}{value}"])
+        code = None
+        try:
+            run._command(accepted.append)
+        except SystemExit as leaving:
+            code = leaving.code
+        captured = capsys.readouterr()
+        assert captured.out == "" and not list(tmp_path.iterdir()) and code == (None if accepted else 2)
+        for asked in accepted:
+            assert captured.err == "" and 0 < len(asked.configs) <= sweep.MAX_JOBS
+            for config in asked.configs:
+                check_sane(config)
+        if not accepted:
+            check_told(captured.err.removesuffix("\n"), "")
+        tried["accepted" if accepted else "refused"] += 1
+
+    check()
+    tell("command lines at random", tried, 100, record_property)
