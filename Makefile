@@ -4,19 +4,19 @@ PYTHON ?= python3
 VENV ?= .venv
 SCALE ?= full
 MODELS ?= train
-JOBS ?= -1
+JOBS ?=
 ARGS ?=
 
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-SETTINGS = scale=$(SCALE) models=$(MODELS) $(ARGS)
+SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups paper publish bench test check format clean
+.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups paper publish bench test slow check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
-	@echo "Settings: SCALE=full|smoke MODELS=train|reference JOBS=<number, -1: all cores> ARGS='<Hydra overrides>'"
+	@echo "Settings: SCALE=full|smoke MODELS=train|reference JOBS=<jobs at once; default: one a core> ARGS='<Hydra overrides>'"
 	@echo "          VENV=<folder> PYTHON=<interpreter, 3.11 to 3.13>"
 
 setup: $(READY)  ## create the virtual environment
@@ -39,7 +39,7 @@ exp4:  ## Experiment IV, uncertainty avoidance: fog
 exp5:  ## Experiment V, disentanglement: four properties in random worlds (takes hours)
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
 $(EXPERIMENTS) lookups: $(READY)
-	$(BIN)/affmap experiment=$@ $(SETTINGS) hydra.launcher.n_jobs=$(JOBS)
+	$(BIN)/affmap experiment=$@ $(SETTINGS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
 paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one report of all: runs/paper/report.pdf
@@ -63,6 +63,18 @@ $(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requiremen
 test: $(READY)  ## run the tests
 	$(BIN)/python -m pytest
 
+slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters: Ray, submitit, a stand-in of SLURM
+	$(VENV)-slow/bin/python -m pytest -m slow
+
+# Ray's launcher wants older versions of some packages that no number depends on.
+$(VENV)-slow/.ready: pyproject.toml constraints.txt
+	test -x $(VENV)-slow/bin/python || $(PYTHON) -m venv $(VENV)-slow
+	grep -vE '^(cloudpickle|joblib|python-dateutil)==' constraints.txt > $(VENV)-slow/constraints.txt
+	export PIP_CONSTRAINT=$(VENV)-slow/constraints.txt PIP_BUILD_CONSTRAINT=$(VENV)-slow/constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
+	$(VENV)-slow/bin/python -m pip install --quiet torch && \
+	$(VENV)-slow/bin/python -m pip install --quiet --editable '.[dev,ray,slurm]'
+	touch $@
+
 check: $(READY)  ## lint, format, types, import graph
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -74,4 +86,4 @@ format: $(READY)  ## format the code
 	$(BIN)/ruff format .
 
 clean:  ## remove the virtual environment and caches (what runs wrote stays)
-	rm -rf $(VENV) $(VENV)-bench .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) $(VENV)-bench $(VENV)-slow .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache

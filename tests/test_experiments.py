@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from affmap.run import PAPER
+from affmap.reporting import PAPER
 
 TINY = [
     "scale=smoke",
@@ -23,15 +23,15 @@ TINY = [
 ]
 SCRIPT = """
 import sys
-from affmap import run
+from affmap import reporting, run
 def call(entry, *arguments):
     sys.argv = [entry.__name__, *arguments, *sys.argv_given]
     entry()
 sys.argv_given = sys.argv[1:]
-for experiment in run.PAPER:
+for experiment in reporting.PAPER:
     call(run.main, f"experiment={experiment}")
-    call(run.report, f"experiment={experiment}")
-call(run.paper)
+    call(reporting.report, f"experiment={experiment}")
+call(reporting.paper)
 """
 
 
