@@ -103,6 +103,8 @@ class Config(Settings):
     """Whether stages that other versions of packages have made may be used."""
     sweep: Mapping[Line, Choices]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
+    objective: Literal["validation_nll", "mean_distance", "success"] | None
+    """What a search is for; None where nothing is searched."""
     growth: Name | None
     """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
     world: Name

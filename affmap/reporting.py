@@ -5,6 +5,7 @@ keeps one in `runs/reference`.
 """
 
 import shutil
+from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -66,17 +67,24 @@ def _found(asked: Sweep) -> Found:
     return Found(join(complete), grown, said)
 
 
-def check_output(asked: Sweep) -> None:
+def digests(asked: Sweep) -> set[str]:
+    """Of all stages of a sweep."""
+    growth = asked.growth()
+    return {stage.digest for each in (asked, growth) if each for config in each.configs for stage in stages(config)}
+
+
+def check_output(output: Path, stages: Collection[str]) -> None:
     """A report is never replaced by one of other results.
 
+    Args:
+        output: the report's folder.
+        stages: digests of those that the report is to be made of.
+
     Raises:
-        ConfigError: the output folder holds a report of other stages.
+        ConfigError: the folder holds a report of others.
     """
-    output, growth = asked.first.output, asked.growth()
-    configs = [*asked.configs, *(growth.configs if growth else [])]
     path = output / PROVENANCE
-    digests = {stage.digest for config in configs for stage in stages(config)}
-    if path.is_file() and not provenance.digests(path) <= digests:
+    if path.is_file() and not provenance.digests(path) <= set(stages):
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
 
@@ -95,7 +103,7 @@ def _report(asked: Sweep) -> None:
         path = comparison.write(first.output, found.jobs, first.report.compare, notice or None)
         print(f"{path.read_text('utf-8')}\nThe table is {path}")
         return
-    check_output(asked)
+    check_output(first.output, digests(asked))
     command = " ".join(["affmap", *without_places(asked.overrides)])
     path = document.write(
         first.output, found.results, first.report, title=first.title, command=command, notice=notice or None

@@ -9,15 +9,17 @@ import sys
 from pathlib import Path
 
 import hydra
+from hydra.errors import HydraException
 from omegaconf import DictConfig
 from rich.console import Console
 
 from affmap import status, sweep
 from affmap.command import SweepError, command, ended_by_scheduler, flags
 from affmap.config import Config, plain
-from affmap.reporting import check_output
+from affmap.reporting import check_output, digests
+from affmap.search import Search
 from affmap.settings import ConfigError, folder
-from affmap.stages import check_models, check_trials, find, is_complete, run
+from affmap.stages import check_models, check_trials, find, is_complete, run, score
 from affmap.store import StoreError
 from affmap.sweep import Sweep
 
@@ -32,7 +34,24 @@ def main() -> None:
     if HYDRA & {flag.partition("=")[0] for flag in flags()}:
         _job()
         return
-    command(lambda arguments: _run_sweep(Sweep.read(arguments)))
+    command(_run)
+
+
+def _run(arguments: list[str]) -> None:
+    if search := Search.read(arguments):
+        _run_search(search)
+    else:
+        _run_sweep(Sweep.read(arguments))
+
+
+def _run_search(search: Search) -> None:
+    """Make the trials of a search that have not been made."""
+    check_output(search.config.output, ())
+    print(f"{search.config.name}: a search of {search.num_trials} trials.", flush=True)
+    problem = _launch(["-m", *search.overrides])
+    if problem:
+        raise SweepError("\n".join([*problem, "The same command goes on where this one stopped."]))
+    print(f"{search.config.name}: the search is complete; affmap-report {' '.join(sys.argv[1:])} draws it.")
 
 
 def _run_sweep(asked: Sweep) -> None:
@@ -44,7 +63,7 @@ def _run_sweep(asked: Sweep) -> None:
     if growth := asked.growth():
         _run_sweep(growth)
     first, count = asked.first, len(asked.configs)
-    check_output(asked)
+    check_output(first.output, digests(asked))
     complete = sum(is_complete(config) for config in asked.configs)
     print(f"{first.name}: {complete} of {count} settings are complete.", flush=True)
     if complete == count:
@@ -55,7 +74,7 @@ def _run_sweep(asked: Sweep) -> None:
         check_models(config)
         check_trials(config)
     asked.note()
-    problem = _launch(asked.overrides)
+    problem = _launch([*(["-m"] if sweep.is_sweep(asked.overrides) else []), *asked.overrides])
     failed = status.failures(status.settings(asked, check=True))
     if problem or failed:
         lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
@@ -64,12 +83,14 @@ def _run_sweep(asked: Sweep) -> None:
     print(f"{first.name}: all {count} settings are complete; affmap-report {' '.join(sys.argv[1:])} draws them.")
 
 
-def _launch(overrides: list[str]) -> list[str]:
-    """Let Hydra run the jobs of a command line; returns what its launcher complained of, in a sentence."""
+def _launch(arguments: list[str]) -> list[str]:
+    """Let Hydra run the jobs of a command line; returns what its launcher or sweeper complained of, in sentences."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come here, and not as text to the terminal
-    given, sys.argv[1:] = sys.argv[1:], [*(["-m"] if sweep.is_sweep(overrides) else []), *overrides]
+    given, sys.argv[1:] = sys.argv[1:], arguments
     try:
         _job()
+    except HydraException as error:
+        return [str(error)]
     except Exception as error:
         log.debug("The launcher failed.", exc_info=error)
         return [f"The launcher stopped: {type(error).__name__}: {error}"]
@@ -79,15 +100,27 @@ def _launch(overrides: list[str]) -> list[str]:
 
 
 @hydra.main(version_base="1.3", config_path=str(folder()), config_name="config")
-def _job(composed: DictConfig) -> None:
-    """One job of a sweep, in whatever process its launcher has made; what goes wrong is told in its log."""
+def _job(composed: DictConfig) -> float | list[float] | None:
+    """One job of a sweep, in whatever process its launcher has made; what goes wrong is told in its log.
+
+    That of a search returns what the search is for; the sweeper wants to know of failures.
+    """
+    config = None
     try:
         with ended_by_scheduler():
-            run(Config.checked(plain(composed), "the configuration"))
+            config = Config.checked(plain(composed), "the configuration")
+            if config.objective:
+                return score(config)
+            run(config)
     except (ConfigError, StoreError) as error:
         log.error("This job failed: %s", error)
+        if config and config.objective:
+            raise
     except Exception:
         log.exception("This job failed; the same command goes on where it stopped.")
+        if config and config.objective:
+            raise
+    return None
 
 
 def stand() -> None:

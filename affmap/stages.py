@@ -83,7 +83,8 @@ def run(config: Config) -> Job:
 def validation(config: Config) -> np.ndarray:
     """Bring a training to completion, without maps and control; returns the validation NLL at its end.
 
-    `[R]`, one for each trial (a single one without trials), nats: means over members, NaN where a member is lost.
+    `[R]`, one for each trial (a single one without trials), nats: medians over members, because single members have
+    single epochs that stand out; NaN where a member is lost.
 
     Raises:
         ConfigError: there are no models for it.
@@ -91,7 +92,24 @@ def validation(config: Config) -> np.ndarray:
     check_models(config)
     _, train = _models(config, config.open_store())
     table = pd.read_csv(train / VALIDATION).query(f"epoch == {config.training.num_epochs}")
-    return table["validation_nll"].to_numpy().reshape(-1, config.members).mean(1)
+    losses = table["validation_nll"].to_numpy().reshape(-1, config.members)
+    return np.median(losses, axis=1)
+
+
+def score(config: Config) -> float | list[float]:
+    """What a search is for (`objective`), of a job that is brought to completion as far as that needs.
+
+    A number, or one for each trial: median validation NLL of the members (nats), mean distance to the goal over all
+    runs (u), or the share of successful runs.
+
+    Raises:
+        ConfigError: there are no models for it; or trials fly.
+    """
+    if config.objective == "validation_nll":
+        values = validation(config)
+        return values.tolist() if config.training.num_trials else float(values[0])
+    runs = pd.read_csv(run(config).control[0] / "runs.csv")
+    return float(runs[config.objective].mean())
 
 
 def _models(config: Config, store: Store) -> tuple[Path, Path]:

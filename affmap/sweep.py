@@ -6,29 +6,21 @@ only.
 
 import json
 import math
-import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from hydra import compose, initialize_config_dir
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, RangeSweep
-from omegaconf import OmegaConf
 
-from affmap.config import Config, plain
-from affmap.errors import one_line, shown
+from affmap.composing import check, compose, parse, reading, values
+from affmap.config import Config
+from affmap.errors import one_line
 from affmap.files import write_json
-from affmap.settings import ConfigError, check_folder, folder
+from affmap.settings import ConfigError
 
 MAX_JOBS = 20_000
 """Jobs of a command line; more are taken for a mistake. All are checked before the first one starts."""
-
-MAX_WORKERS = 1024
-"""Jobs at the same time."""
 
 NOTE = "jobs/sweep.json"
 """File of an output folder that says what was last run into it."""
@@ -97,12 +89,12 @@ def complete(overrides: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: several experiments at once, or a line that cannot be read.
     """
-    parsed = {override.key_or_group: override for override in _parse(overrides)}
+    parsed = {override.key_or_group: override for override in parse(overrides)}
     experiment = parsed.get("experiment")
     if experiment and (experiment.is_sweep_override() or isinstance(experiment.value(), list)):
         raise ConfigError("experiment takes one name at a time; run several experiments one after the other.")
     single = [str(override.input_line) for override in parsed.values() if not override.is_sweep_override()]
-    written = _plain(_compose(single)).get("sweep")
+    written = values(compose(single)).get("sweep")
     # What is no sweep is told when the jobs are checked.
     entries = written.items() if isinstance(written, Mapping) else []
     sweep = {key: values for key, values in entries if isinstance(values, (str, int))}
@@ -114,13 +106,13 @@ def complete(overrides: Sequence[str]) -> list[str]:
 
 def instead(overrides: Sequence[str], experiment: str, dropped: Collection[str]) -> list[str]:
     """The same command line for another experiment, without the keys in `dropped`."""
-    kept = [each for each in _parse(overrides) if each.key_or_group not in {"experiment", *dropped}]
+    kept = [each for each in parse(overrides) if each.key_or_group not in {"experiment", *dropped}]
     return [*(str(override.input_line) for override in kept), f"experiment={experiment}"]
 
 
 def is_sweep(overrides: Sequence[str]) -> bool:
     """Whether a command line asks for a sweep, though it may be one of a single job."""
-    return any(override.is_sweep_override() for override in _parse(overrides))
+    return any(override.is_sweep_override() for override in parse(overrides))
 
 
 def jobs(overrides: Sequence[str]) -> list[Config]:
@@ -130,19 +122,19 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
         ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right. Or
             no jobs, or so many that they are a mistake.
     """
-    parsed = _parse(overrides)
-    with _reading():
+    parsed = parse(overrides)
+    with reading():
         counts = {override.key_or_group: _count(override) for override in parsed if override.is_sweep_override()}
     number = math.prod(counts.values())
     if not 0 < number <= MAX_JOBS:
         values = " x ".join(f"{count} of {key}" for key, count in counts.items())
         raise ConfigError(f"the sweep has {number} jobs ({one_line(values)}); it should have 1 to {MAX_JOBS}.")
-    return [_check(job) for job in _split(parsed)]
+    return [check(job) for job in _split(parsed)]
 
 
 def labels(overrides: Sequence[str]) -> list[str]:
     """The values swept over in each job of a command line."""
-    parsed = _parse(overrides)
+    parsed = parse(overrides)
     swept = {override.key_or_group for override in parsed if override.is_sweep_override()}
     chosen = [[each for each in job if each.partition("=")[0].lstrip("+") in swept] for job in _split(parsed)]
     return [" ".join(each) or "the only setting" for each in chosen]
@@ -161,68 +153,3 @@ def _count(override: Override) -> int:
         assert values.start is not None and values.stop is not None
         return max(0, math.ceil((values.stop - values.start) / values.step))
     return sum(1 for _ in override.sweep_iterator())
-
-
-def _check(overrides: Sequence[str]) -> Config:
-    composed = _compose(overrides)
-    choices = composed.hydra.runtime.choices
-    origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
-    origins[""] = "the configuration"  # checked together
-    config = Config.checked(_plain(composed), "conf/config.yaml or the command line", origins)
-    _check_launch(composed)
-    return config
-
-
-def _check_launch(composed: Any) -> None:
-    """Refuse what Hydra would stumble over only when it starts the jobs: its folders and the number of workers.
-
-    Raises:
-        ConfigError: one of them cannot be used.
-    """
-    composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
-    for key in ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir"):
-        with _reading():
-            path = OmegaConf.select(composed, key)
-        try:
-            check_folder(Path(path or ""))
-        except ValueError as error:
-            raise ConfigError(f"{key} = {shown(path)} is not allowed: it {error}.") from None
-    workers = OmegaConf.select(composed, "hydra.launcher.n_jobs", default=1)  # not all launchers have it
-    if composed.hydra.launcher is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
-        raise ConfigError(
-            f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a "
-            "job on each core."
-        )
-
-
-def _parse(overrides: Sequence[str]) -> list[Override]:
-    with _reading(), initialize_config_dir(str(folder()), version_base="1.3"):
-        # The loader knows the groups that `glob(...)` chooses from.
-        return OverridesParser.create(GlobalHydra.instance().config_loader()).parse_overrides([*overrides])
-
-
-def _compose(overrides: Sequence[str]) -> Any:
-    with _reading(), initialize_config_dir(str(folder()), version_base="1.3"):
-        return compose("config", [*overrides], return_hydra_config=True)
-
-
-def _plain(composed: Any) -> dict[str, Any]:
-    with _reading():
-        return plain(composed)
-
-
-@contextmanager
-def _reading() -> Iterator[None]:
-    """Tell in a sentence whatever Hydra finds wrong with a command line.
-
-    Nothing but Hydra runs in here, and its parser, its YAML and its interpolations let through what Python raises:
-    ValueError for a step of 0, RecursionError for brackets in brackets, AttributeError for a group that is null.
-    """
-    try:
-        yield
-    except Exception as error:
-        text = str(error) or str(error.__cause__ or "") or "Hydra does not say why"
-        # Hydra's messages end in addresses, its own places and types, and name classes and columns.
-        text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|\^)", text)[0]
-        text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
-        raise ConfigError(f"this cannot be read: {one_line(text).rstrip('.')}.") from None

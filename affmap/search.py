@@ -1,0 +1,54 @@
+"""From a command line to a search: what is tried, what for, and where its trials are. Runs nothing.
+
+Hydra's sweeper on hyperopt (`hydra/sweeper=hyperopt`) makes it; an experiment gives a search its configuration, and not
+its sweep.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from affmap.composing import check, compose, parse
+from affmap.config import Config
+from affmap.settings import ConfigError
+
+RESULTS = "results.csv"
+"""Table of a search's folder, written by the sweeper: a row for each trial."""
+
+
+class Search(NamedTuple):
+    """A command line that asks for a search."""
+
+    overrides: list[str]
+    config: Config
+    """Of a trial, but for what is searched."""
+    folder: Path
+    """Where the sweeper keeps the trials."""
+    num_trials: int
+    log_keys: frozenset[str]
+    """Of what is searched, that on a logarithmic scale."""
+
+    @classmethod
+    def read(cls, arguments: Sequence[str]) -> "Search | None":
+        """The search of a command line; None where it asks for none.
+
+        Raises:
+            ConfigError: it cannot be made; the message says why.
+        """
+        overrides = parse(arguments)
+        fixed = [str(each.input_line) for each in overrides if not each.is_sweep_override()]
+        composed = compose(fixed)
+        if composed.hydra.runtime.choices["hydra/sweeper"] != "hyperopt":
+            return None
+        config = check(fixed)
+        settings = composed.hydra.sweeper
+        if config.objective is None:
+            raise ConfigError("a search needs an objective; say objective=validation_nll, mean_distance or success.")
+        direction = "maximize" if config.objective == "success" else "minimize"
+        if settings.direction.value != direction:
+            raise ConfigError(f"objective={config.objective} needs hydra.sweeper.direction={direction}.")
+        searched = {each.key_or_group: str(each.input_line) for each in overrides if each.is_sweep_override()}
+        spaces = {**settings.params, **searched}
+        log_keys = frozenset(key for key, space in spaces.items() if "log" in space.partition("interval")[0])
+        folder = Path(composed.hydra.sweep.dir)
+        return cls([*fixed, *searched.values()], config, folder, settings.num_trials, log_keys)
