@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups paper publish bench test slow check format clean
+.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish bench test slow check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -44,6 +44,11 @@ $(EXPERIMENTS) lookups: $(READY)
 
 paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one report of all: runs/paper/report.pdf
 	$(BIN)/affmap-paper $(SETTINGS)
+
+SEARCHES := training cem gradient
+
+tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (half an hour)
+	for name in $(SEARCHES); do $(BIN)/affmap search=$$name $(SETTINGS) && $(BIN)/affmap-report search=$$name $(SETTINGS) || exit 1; done
 
 publish: paper  ## keep the reports and models of all experiments in runs/reference
 	for name in $(EXPERIMENTS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done

@@ -17,6 +17,7 @@ from affmap.provenance import PROVENANCE, without_places
 from affmap.report import provenance
 from affmap.report.records import Job
 from affmap.report.tables import Results, join
+from affmap.search import RESULTS, Search
 from affmap.settings import ConfigError
 from affmap.stages import find, stages
 from affmap.store import copy_stage
@@ -90,7 +91,32 @@ def check_output(output: Path, stages: Collection[str]) -> None:
 
 def report() -> None:
     """`affmap-report`: draw the report of a complete sweep, or of what there is of it (`report.partial=true`)."""
-    command(lambda arguments: _report(Sweep.read(arguments)))
+    command(_report_any)
+
+
+def _report_any(arguments: list[str]) -> None:
+    if search := Search.read(arguments):
+        _report_search(search)
+    else:
+        _report(Sweep.read(arguments))
+
+
+def _report_search(search: Search) -> None:
+    from affmap.report import searches
+
+    config = search.config
+    check_output(config.output, ())
+    path = searches.write(
+        config.output,
+        search.folder / RESULTS,
+        config.objective or "",
+        in_use=provenance.leaves(config.model_dump(mode="json")),
+        log_keys=search.log_keys,
+        title=config.title,
+        command=" ".join(["affmap", *without_places(search.overrides)]),
+        notice=config.notice,
+    )
+    print(f"{path.read_text('utf-8')}\nThe table is {path}")
 
 
 def _report(asked: Sweep) -> None:
@@ -135,8 +161,43 @@ def _paper(asked: Sweep) -> None:
 
 
 def publish() -> None:
-    """`affmap-publish`: keep the report and the models of a sweep in `runs/reference`."""
-    command(lambda arguments: _publish(Sweep.read(arguments)))
+    """`affmap-publish`: keep the report and the models of a sweep, or the report of a search, in `runs/reference`."""
+    command(_publish_any)
+
+
+def _publish_any(arguments: list[str]) -> None:
+    if search := Search.read(arguments):
+        _publish_search(search)
+    else:
+        _publish(Sweep.read(arguments))
+
+
+def _publish_search(search: Search) -> None:
+    from affmap.report import searches
+
+    config = search.config
+    _check_publishable(config)
+    if not searches.is_written(config.output, search.folder / RESULTS):
+        raise ConfigError(f"{config.output} holds no report of these trials; run affmap-report for them first.")
+    print(f"Kept in {_keep_report(config, config.reference.parent / 'tune' / config.output.name)}")
+
+
+def _check_publishable(config: Config) -> None:
+    if config.notice:
+        raise ConfigError(f"this is not a result to keep: {config.notice}.")
+
+
+def _keep_report(config: Config, kept: Path) -> Path:
+    """Copy the report of a sweep or a search to a place, in the stead of what is there."""
+    new = kept.with_suffix(".new")
+    shutil.rmtree(new, ignore_errors=True)
+    # Vector figures are in the PDF, too, and all figures in the page.
+    shutil.copytree(config.output, new, ignore=shutil.ignore_patterns("jobs", "*.pdf", "*.html"))
+    for path in config.output.glob("*.pdf"):
+        shutil.copy(path, new)
+    shutil.rmtree(kept, ignore_errors=True)
+    new.replace(kept)
+    return kept
 
 
 def _publish(asked: Sweep) -> None:
@@ -144,21 +205,12 @@ def _publish(asked: Sweep) -> None:
 
     first = asked.first
     found = _found(asked)
-    if first.notice:
-        raise ConfigError(f"this is not a result to keep: {first.notice}.")
+    _check_publishable(first)
     if first.report.compare:
         comparison.check(first.output, found.jobs, first.report.compare)
     else:
         document.check(first.output, found.results)
-    kept = first.reference.parent / first.output.name
-    new = kept.with_suffix(".new")
-    shutil.rmtree(new, ignore_errors=True)
-    # Vector figures are in the PDF, too, and all figures in the page.
-    shutil.copytree(first.output, new, ignore=shutil.ignore_patterns("jobs", "*.pdf", "*.html"))
-    for path in first.output.glob("*.pdf"):
-        shutil.copy(path, new)
-    shutil.rmtree(kept, ignore_errors=True)
-    new.replace(kept)
+    kept = _keep_report(first, first.reference.parent / first.output.name)
     for job in [*found.jobs, *([found.growth] if found.growth else [])]:
         for train in job.train:
             _keep(train, first, [SNAPSHOT.format(epoch="*")] if job is found.growth else [])

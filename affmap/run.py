@@ -84,13 +84,13 @@ def _run_sweep(asked: Sweep) -> None:
 
 
 def _launch(arguments: list[str]) -> list[str]:
-    """Let Hydra run the jobs of a command line; returns what its launcher or sweeper complained of, in sentences."""
+    """Let Hydra run the jobs of a command line; returns what its launcher stumbled over, in a sentence."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come here, and not as text to the terminal
     given, sys.argv[1:] = sys.argv[1:], arguments
     try:
         _job()
-    except HydraException as error:
-        return [str(error)]
+    except HydraException:  # which is a sentence already
+        raise
     except Exception as error:
         log.debug("The launcher failed.", exc_info=error)
         return [f"The launcher stopped: {type(error).__name__}: {error}"]

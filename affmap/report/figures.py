@@ -4,7 +4,7 @@ The same results give the same bytes.
 """
 
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from affmap.report import arena, contrasts, panels, pictures
+from affmap.report import arena, contrasts, panels, pictures, trials
 from affmap.report import failures as failing
 from affmap.report.groups import make_groups, readable
 from affmap.report.pictures import new_figure
@@ -86,6 +86,36 @@ def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Pa
         handles, settings = axes[count - 1].get_legend_handles_labels()
         if len(settings) > 1:
             figure.legend(handles, settings, loc="outside lower center", ncols=5, frameon=False)
+        _save(figure, path, notice)
+
+
+def draw_search(
+    table: pd.DataFrame, objective: str, used: int | None, log_keys: Collection[str], path: Path, notice: str | None
+) -> None:
+    """Draw and save the trials of a search: in their order, and by each of the values that were searched.
+
+    Args:
+        table: the trials, as `searches.read` gives them.
+        objective: the metric that the search was for.
+        used: the trial of the values in use, or None.
+        log_keys: keys with a logarithmic axis.
+        path: of the files, without their ending.
+        notice: what must stand on the figure, or None.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    keys = list(table.columns[4:])
+    columns = min(3, 1 + len(keys))
+    rows = -(-(1 + len(keys)) // columns)
+    with mpl.rc_context(STYLE):
+        figure = new_figure(0.4 + 2.0 * rows)
+        axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+        trials.history(axes[0], table, objective, used)
+        for ax, key in zip(axes[1:], keys, strict=False):
+            trials.by_value(ax, table, objective, used, key, key in log_keys)
+        for ax in axes[1 + len(keys) :]:
+            ax.remove()
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
         _save(figure, path, notice)
 
 
