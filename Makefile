@@ -52,7 +52,7 @@ tune: $(READY)  ## are the paper's learning rates and planners near the best? Th
 
 publish: paper  ## keep the reports and models of all experiments in runs/reference
 	for name in $(EXPERIMENTS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
-	rm -rf runs/reference/paper && cp -R runs/paper runs/reference/paper && rm -r runs/reference/paper/figures runs/reference/paper/report.html
+	$(BIN)/affmap-paper $(SETTINGS) --publish
 
 bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 5 minutes)
 	$(VENV)-bench/bin/python -W ignore tests/benchmarks $(ARGS)

@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
 from typing import NoReturn
@@ -21,14 +21,14 @@ class SweepError(Exception):
     """Some settings of a sweep have not been completed; the message names each."""
 
 
-def command(body: Callable[[list[str]], None]) -> None:
-    """Run `body` on the command line's overrides; what goes wrong is told in a sentence.
+def command(body: Callable[[list[str]], None], known: Collection[str] = ()) -> None:
+    """Run `body` on the command line's overrides; what goes wrong is told in a sentence. Flags must be `known`.
 
     Exit status: 2 for a mistake in the command line, 1 for what failed, 130 or 143 where a signal ended it.
     """
     try:
         with ended_by_scheduler():
-            body(_overrides())
+            body(_overrides(known))
     except (ConfigError, HydraException, OmegaConfBaseException) as error:
         _leave(str(error), 2)
     except (StoreError, SweepError) as error:
@@ -44,10 +44,10 @@ def flags() -> list[str]:
     return [argument for argument in sys.argv[1:] if argument.startswith("-") and argument not in MULTIRUN]
 
 
-def _overrides() -> list[str]:
-    if unknown := flags():
+def _overrides(known: Collection[str]) -> list[str]:
+    if unknown := [flag for flag in flags() if flag not in known]:
         raise ConfigError(f"{unknown[0]} is not known here; give Hydra overrides, such as experiment=exp1.")
-    return [argument for argument in sys.argv[1:] if argument not in MULTIRUN]
+    return [argument for argument in sys.argv[1:] if argument not in (*MULTIRUN, *known)]
 
 
 def _leave(words: str, status: int) -> NoReturn:

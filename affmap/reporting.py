@@ -1,18 +1,15 @@
 """The commands around reports; all take the overrides of the sweep that they are about.
 
-`affmap-report` draws the report of a sweep, `affmap-paper` puts those of all experiments together, `affmap-publish`
-keeps one in `runs/reference`.
+`affmap-report` draws the report of a sweep or a search, `affmap-paper` puts those of all experiments together.
 """
 
-import shutil
 from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
 from affmap import sweep
-from affmap.command import command
+from affmap.command import SweepError, command, flags
 from affmap.config import Config
-from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.provenance import PROVENANCE, without_places
 from affmap.report import provenance
 from affmap.report.records import Job
@@ -20,12 +17,14 @@ from affmap.report.tables import Results, join
 from affmap.search import RESULTS, Search
 from affmap.settings import ConfigError
 from affmap.stages import find, stages
-from affmap.store import copy_stage
 from affmap.sweep import Sweep
-from affmap.training.settings import VALIDATION
 
 PAPER = ("exp1", "exp2", "exp3", "exp4", "exp5")
 """The experiments of the paper."""
+
+
+CHECK, PUBLISH = "--check", "--publish"
+"""Flags of `affmap-report` and `affmap-paper`."""
 
 
 class Found(NamedTuple):
@@ -46,7 +45,7 @@ class Found(NamedTuple):
         return Results(self.jobs, self.growth)
 
 
-def _found(asked: Sweep) -> Found:
+def find_all(asked: Sweep) -> Found:
     """What is complete of a sweep.
 
     Raises:
@@ -90,8 +89,40 @@ def check_output(output: Path, stages: Collection[str]) -> None:
 
 
 def report() -> None:
-    """`affmap-report`: draw the report of a complete sweep, or of what there is of it (`report.partial=true`)."""
-    command(_report_any)
+    """`affmap-report`: draw the report of a sweep or of a search; `--check`: look at every file that it comes from."""
+    command(_check if CHECK in flags() else _report_any, known=[CHECK])
+
+
+def _check(arguments: list[str]) -> None:
+    """Compute the digests of all stages and of the report anew.
+
+    Raises:
+        SweepError: something is not as it was written.
+    """
+    from affmap.report import document, sealed
+
+    asked = Sweep.read(arguments)
+    output, growth = asked.first.output, asked.growth()
+    found, problems = set(), []
+    for config in [*asked.configs, *(growth.configs if growth else [])]:
+        store = config.open_store()
+        for stage in stages(config):
+            state = store.state(stage, check=True)
+            if state.name == "complete":
+                found.add(stage.digest)
+            else:
+                problems.append(state.error or f"{store.root / stage.name / stage.digest} is {state.name}.")
+    if not (output / PROVENANCE).is_file():
+        problems.append(f"{output} holds no report.")
+    else:
+        check_output(output, digests(asked))
+        problems += sealed.problems(output)
+        if document.code_of(output) != document.code():
+            problems.append(f"{output} was made by another version of the report's code; affmap-report makes it anew.")
+    problems = list(dict.fromkeys(problems))
+    if problems:
+        raise SweepError("\n".join(problems))
+    print(f"{len(found)} stages and the report in {output}: every file is as it was written.")
 
 
 def _report_any(arguments: list[str]) -> None:
@@ -123,7 +154,7 @@ def _report(asked: Sweep) -> None:
     from affmap.report import comparison, document
 
     first = asked.first
-    found = _found(asked)
+    found = find_all(asked)
     notice = "; ".join(filter(None, [first.notice, found.missing and f"PARTIAL: {found.missing.partition(' (')[0]}"]))
     if first.report.compare:
         path = comparison.write(first.output, found.jobs, first.report.compare, notice or None)
@@ -138,19 +169,20 @@ def _report(asked: Sweep) -> None:
 
 
 def paper() -> None:
-    """`affmap-paper`: one report of all five experiments, from their own reports."""
-    command(lambda arguments: _paper(Sweep.read(arguments)))
+    """`affmap-paper`: one report of all five experiments, from their own; `--publish`: keep it in `runs/reference`."""
+    keep = PUBLISH in flags()
+    command(lambda arguments: _paper(Sweep.read(arguments), keep), known=[PUBLISH])
 
 
-def _paper(asked: Sweep) -> None:
-    from affmap.report import paper
+def _paper(asked: Sweep, keep: bool) -> None:
+    from affmap.report import paper, sealed
 
     parts = []
     for experiment in PAPER:
         part = Sweep.read(sweep.instead(asked.overrides, experiment, ("output",)))
         first = part.first
         try:
-            found = _found(part)
+            found = find_all(part)
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
         parts.append(paper.Part(first.title, found.results, first.report, first.output, found.missing))
@@ -158,67 +190,16 @@ def _paper(asked: Sweep) -> None:
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
     command = " ".join(["affmap-paper", *without_places(asked.overrides)])
     print(f"The report is {paper.write(output, parts, command=command, notice=first.notice)}")
+    if keep:
+        check_publishable(first)
+        sealed.copy(output, first.reference.parent / output.name, without=["figures", "*.html"])
 
 
-def publish() -> None:
-    """`affmap-publish`: keep the report and the models of a sweep, or the report of a search, in `runs/reference`."""
-    command(_publish_any)
+def check_publishable(config: Config) -> None:
+    """Make sure that results are worth keeping.
 
-
-def _publish_any(arguments: list[str]) -> None:
-    if search := Search.read(arguments):
-        _publish_search(search)
-    else:
-        _publish(Sweep.read(arguments))
-
-
-def _publish_search(search: Search) -> None:
-    from affmap.report import searches
-
-    config = search.config
-    _check_publishable(config)
-    if not searches.is_written(config.output, search.folder / RESULTS):
-        raise ConfigError(f"{config.output} holds no report of these trials; run affmap-report for them first.")
-    print(f"Kept in {_keep_report(config, config.reference.parent / 'tune' / config.output.name)}")
-
-
-def _check_publishable(config: Config) -> None:
+    Raises:
+        ConfigError: they are those of a smoke run, or the like.
+    """
     if config.notice:
         raise ConfigError(f"this is not a result to keep: {config.notice}.")
-
-
-def _keep_report(config: Config, kept: Path) -> Path:
-    """Copy the report of a sweep or a search to a place, in the stead of what is there."""
-    new = kept.with_suffix(".new")
-    shutil.rmtree(new, ignore_errors=True)
-    # Vector figures are in the PDF, too, and all figures in the page.
-    shutil.copytree(config.output, new, ignore=shutil.ignore_patterns("jobs", "*.pdf", "*.html"))
-    for path in config.output.glob("*.pdf"):
-        shutil.copy(path, new)
-    shutil.rmtree(kept, ignore_errors=True)
-    new.replace(kept)
-    return kept
-
-
-def _publish(asked: Sweep) -> None:
-    from affmap.report import comparison, document
-
-    first = asked.first
-    found = _found(asked)
-    _check_publishable(first)
-    if first.report.compare:
-        comparison.check(first.output, found.jobs, first.report.compare)
-    else:
-        document.check(first.output, found.results)
-    kept = _keep_report(first, first.reference.parent / first.output.name)
-    for job in [*found.jobs, *([found.growth] if found.growth else [])]:
-        for train in job.train:
-            _keep(train, first, [SNAPSHOT.format(epoch="*")] if job is found.growth else [])
-    print(f"Kept in {kept} and {first.reference}")
-
-
-def _keep(train: Path, config: Config, also: list[str]) -> None:
-    """Copy what is needed of a training into the reference run's store."""
-    target = config.reference / "train" / train.name
-    if train != target:  # else the models were taken from there
-        copy_stage(train, target, (WEIGHTS, VALIDATION, *also))

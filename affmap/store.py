@@ -260,7 +260,7 @@ def _locked(path: Path) -> Iterator[None]:
         lock.acquire(timeout=0)
     except Timeout:
         log.info("Waiting for another job that makes %s/%s.", path.parent.name, path.stem)
-        lock.acquire()
+        lock.acquire(poll_interval=0.5)  # a thousand jobs that wait should not keep a file server busy
     try:
         yield
     finally:

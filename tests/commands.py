@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from affmap import reporting, run, sweep
+from affmap import publishing, reporting, run, sweep
 from affmap.config import Config
 
 COMMAND = Path(sys.executable).parent / "affmap"
@@ -28,7 +28,7 @@ COMMANDS = {
     "affmap": run.main,
     "affmap-status": run.stand,
     "affmap-report": reporting.report,
-    "affmap-publish": reporting.publish,
+    "affmap-publish": publishing.publish,
 }
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "200"}
 

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+from commands import COMMANDS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from affmap import run, sweep
+from affmap import composing, run, sweep
 from affmap.config import Config, plain
 from affmap.memory import LIMIT_GIB, demands
 from affmap.settings import ConfigError, check_line, read
@@ -61,7 +62,7 @@ NASTY = [value for values in BAD.values() for value in values]
 
 
 def composed(*overrides: str) -> dict[str, Any]:
-    return plain(sweep._compose([*overrides]))
+    return plain(composing.compose([*overrides]))
 
 
 def wholes() -> list[dict[str, Any]]:
@@ -288,7 +289,7 @@ def command(
     def call(arguments: Sequence[str], entry: str = "affmap") -> str:
         monkeypatch.setattr(sys, "argv", [entry, *arguments])
         with pytest.raises(SystemExit) as leaving:
-            {"affmap": run.main, "affmap-report": run.report, "affmap-publish": run.publish}[entry]()
+            COMMANDS[entry]()
         captured = capsys.readouterr()
         assert leaving.value.code == 2 and captured.out == "" and not list(tmp_path.iterdir()), arguments
         message = captured.err.removesuffix("\n")
@@ -397,7 +398,7 @@ def test_any_key_of_the_command_line_with_any_value(
         monkeypatch.setattr(sys, "argv", ["affmap", f"{sign}{key}{equals}{value}"])
         code = None
         try:
-            run._command(accepted.append)
+            run.command(lambda arguments: accepted.append(run.Sweep.read(arguments)))
         except SystemExit as leaving:
             code = leaving.code
         captured = capsys.readouterr()

@@ -352,7 +352,7 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert "exp3_growth: all 1 settings are complete" in result.stdout
     asked = Sweep.read([*line(tmp_path), *overrides])
-    whole = reporting._found(asked)
+    whole = reporting.find_all(asked)
     results = whole.results
     assert whole.missing == "" and results.growth is not None and len(results.jobs) == 1
     maps = results.growth_maps
@@ -367,13 +367,13 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
 def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
     """On request only: the two settings of three that are complete, and a sentence about the third."""
     wanted = [*line(swept), "planner=cem", "model.context_size=0,1,3"]
-    part = reporting._found(Sweep.read([*wanted, "report.partial=true"]))
+    part = reporting.find_all(Sweep.read([*wanted, "report.partial=true"]))
     assert [job.context_size for job in part.jobs] == [0, 1]
     assert part.missing == "1 of 3 settings are not complete (model.context_size=3)"
     with pytest.raises(ConfigError, match="1 of 3 settings are not complete"):
-        reporting._found(Sweep.read(wanted))
+        reporting.find_all(Sweep.read(wanted))
     with pytest.raises(ConfigError, match="1 of 1 settings are not complete"):
-        reporting._found(Sweep.read([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
+        reporting.find_all(Sweep.read([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
 
 
 def test_one_factor_at_a_time(

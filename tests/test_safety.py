@@ -19,7 +19,7 @@ import torch
 import yaml
 from matplotlib.figure import Figure
 
-from affmap import sweep
+from affmap import composing, sweep
 from affmap.config import Config
 from affmap.data import module
 from affmap.data.collect import Exploration, collect
@@ -145,7 +145,7 @@ def own_conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     conf = tmp_path / "conf"
     shutil.copytree(Path(__file__).parents[1] / "conf", conf)
     monkeypatch.setattr("affmap.settings.folder", lambda: conf)
-    monkeypatch.setattr("affmap.sweep.folder", lambda: conf)
+    monkeypatch.setattr("affmap.composing.folder", lambda: conf)
     read.cache_clear()
     yield conf
     read.cache_clear()
@@ -274,7 +274,7 @@ def test_text_of_others_is_text_in_reports(tmp_path: Path) -> None:
 
 def test_hostile_text_can_be_no_title(tmp_path: Path) -> None:
     """What would end a line or turn its direction is refused with the configuration."""
-    values = sweep._plain(sweep._compose([]))
+    values = composing.values(composing.compose([]))
     assert Config.checked(values | {"title": HOSTILE[0]}, "here").title == HOSTILE[0]
     for text in ("a\nb", "a\x1b[31mb", "a\u202eb"):
         with pytest.raises(ConfigError, match="line of text"):

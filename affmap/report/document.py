@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from affmap.provenance import PROVENANCE
-from affmap.report import blocks, captions, claims, comparison, content, figures, provenance, rendering
+from affmap.reading import reading
+from affmap.report import blocks, captions, claims, comparison, content, figures, provenance, rendering, sealed
 from affmap.report.claims import Score
 from affmap.report.groups import make_groups
 from affmap.report.settings import ReportSettings
@@ -51,8 +52,8 @@ def write(
         "settings": {name: getattr(settings, name) for name in sorted(ReportSettings.model_fields)},
         **provenance.summarize(results),
     }
-    text, path = json.dumps(record, indent=1, ensure_ascii=False, default=dict) + "\n", output / "report.pdf"
-    if is_written(output, text):
+    path = output / "report.pdf"
+    if sealed.is_sealed(output, record):
         return path
     scores = claims.score(results, settings.claims)
     _write_tables(output / "tables", results, scores, settings)
@@ -63,14 +64,8 @@ def write(
         "blocks": _blocks(results, scores, settings, drawn, record),
     }
     rendering.write(output, data)
-    write_text(output / PROVENANCE, text)  # last: what is there when this is there is whole
+    sealed.seal(output, record)
     return path
-
-
-def is_written(output: Path, record: str) -> bool:
-    """Whether a report that was made of the same, by the same code, is complete."""
-    files = [output / name for name in ("report.pdf", "report.html", PROVENANCE)]
-    return all(file.is_file() for file in files) and files[-1].read_text("utf-8") == record
 
 
 def check(output: Path, results: Results) -> None:
@@ -82,6 +77,13 @@ def check(output: Path, results: Results) -> None:
     path, digests = output / PROVENANCE, {record["digest"] for record in results.provenance.values()}
     if not path.is_file() or provenance.digests(path) != digests:
         raise ConfigError(f"{output} holds no report of these results; run affmap-report for them first.")
+
+
+def code_of(output: Path) -> str:
+    """The digest of the code that has made the report in a folder."""
+    path = output / PROVENANCE
+    with reading(path):
+        return str(json.loads(path.read_text("utf-8"))["code"])
 
 
 def code() -> str:

@@ -3,7 +3,6 @@
 It shows the figures that the experiments' own reports have drawn, and tests their claims again.
 """
 
-import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,11 +10,10 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from affmap.provenance import PROVENANCE
-from affmap.report import blocks, captions, claims, content, provenance, rendering, sentences
+from affmap.report import blocks, captions, claims, content, provenance, rendering, sealed, sentences
 from affmap.report.blocks import Block
 from affmap.report.claims import Score
-from affmap.report.document import HERE, check, code, deviations, is_written, write_text
+from affmap.report.document import HERE, check, code, deviations, write_text
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv
 from affmap.report.text import NOTHING, number, p_value, points
@@ -57,15 +55,15 @@ def write(output: Path, parts: Sequence[Part], *, command: str, notice: str | No
     for part in parts:
         check(part.output, part.results)
     record = _record(parts, command, notice)
-    text, path = json.dumps(record, indent=1, ensure_ascii=False, default=dict) + "\n", output / "report.pdf"
-    if is_written(output, text):
+    path = output / "report.pdf"
+    if sealed.is_sealed(output, record):
         return path
     scores = [claims.score(part.results, part.settings.claims) for part in parts]
     _write_tables(output / "tables", parts, scores)
     drawn = [_copy_figures(part, output / "figures") for part in parts]
     data = {"title": TITLE, "notice": notice or "", "blocks": _blocks(parts, scores, drawn, record)}
     rendering.write(output, data)
-    write_text(output / PROVENANCE, text)  # last: what is there when this is there is whole
+    sealed.seal(output, record)
     return path
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from affmap.report import claims, document, paper, provenance, rendering, sentences
+from affmap.report import claims, document, paper, provenance, rendering, sealed, sentences
 from affmap.report.claims import CLAIMS
 from affmap.report.paper import Part
 from affmap.report.records import Job
@@ -182,18 +182,42 @@ def test_writing_twice_gives_the_same_bytes(
 
 
 def test_a_complete_report_is_left_alone(results: dict[str, Results], tmp_path: Path) -> None:
-    """A file removed by hand stays away as long as stages, arguments and code are the same; other names change it."""
+    """As long as stages, arguments and code are the same, and so is every file; other names change it."""
     few = Results(results["exp1"].jobs[:1])
     write(tmp_path, few, "exp1")
-    table = tmp_path / "tables" / "medians.csv"
-    content = table.read_bytes()
-    table.unlink()
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
     write(tmp_path, few, "exp1")
-    assert not table.exists()
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before
     renamed = settings("exp1").model_copy(update={"names": {"cem": "CEM"}})
     document.write(tmp_path, few, renamed, title="exp1", command=COMMAND, notice=NOTICE)
-    assert table.read_bytes() == content
     assert json.loads((tmp_path / "provenance.json").read_text("utf-8"))["settings"]["names"] == {"cem": "CEM"}
+
+
+def test_a_damaged_report_is_told_and_made_anew(results: dict[str, Results], tmp_path: Path) -> None:
+    """A table changed, a figure gone; a file of the reader's own is none of the report's."""
+    few = Results(results["exp1"].jobs[:1])
+    write(tmp_path, few, "exp1")
+    table, figure = tmp_path / "tables/medians.csv", tmp_path / "figures/world.png"
+    content = table.read_bytes()
+    (tmp_path / "notes.txt").write_text("mine")
+    assert sealed.problems(tmp_path) == []
+    table.write_bytes(content.replace(b"1", b"2", 1))
+    figure.unlink()
+    assert sealed.problems(tmp_path) == [f"{figure} is missing.", f"{table} is not as it was written."]
+    write(tmp_path, few, "exp1")
+    assert table.read_bytes() == content and figure.is_file() and sealed.problems(tmp_path) == []
+
+
+def test_a_copy_of_a_report_is_whole_without_what_it_lacks(results: dict[str, Results], tmp_path: Path) -> None:
+    """Its provenance lists what is there."""
+    few = Results(results["exp1"].jobs[:1])
+    write(tmp_path / "exp1", few, "exp1")
+    (tmp_path / "exp1/jobs").mkdir()
+    sealed.copy(tmp_path / "exp1", tmp_path / "kept", ["*.pdf", "*.html"])
+    assert sealed.problems(tmp_path / "kept") == []
+    files = {str(path.relative_to(tmp_path / "kept")) for path in (tmp_path / "kept").rglob("*") if path.is_file()}
+    assert {"report.pdf", "provenance.json", "figures/world.png"} <= files
+    assert not {"report.html", "figures/world.pdf"} & files and not (tmp_path / "kept/jobs").exists()
 
 
 def test_an_experiment_of_ones_own_has_no_claims(results: dict[str, Results], tmp_path: Path) -> None:
