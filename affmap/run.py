@@ -47,7 +47,8 @@ def _run(arguments: list[str]) -> None:
 def _run_search(search: Search) -> None:
     """Make the trials of a search that have not been made."""
     check_output(search.config.output, ())
-    print(f"{search.config.name}: a search of {search.num_trials} trials.", flush=True)
+    print(f"{search.config.name}: {search.num_complete} of {search.num_trials} trials are complete.", flush=True)
+    sweep.note(search.config.output, search.overrides)
     problem = _launch(["-m", *search.overrides])
     if problem:
         raise SweepError("\n".join([*problem, "The same command goes on where this one stopped."]))
@@ -73,7 +74,7 @@ def _run_sweep(asked: Sweep) -> None:
     for config in asked.configs:
         check_models(config)
         check_trials(config)
-    asked.note()
+    sweep.note(first.output, asked.overrides)
     problem = _launch([*(["-m"] if sweep.is_sweep(asked.overrides) else []), *asked.overrides])
     failed = status.failures(status.settings(asked, check=True))
     if problem or failed:
@@ -135,16 +136,26 @@ def _stand(arguments: list[str]) -> None:
             "affmap-status takes either folders, such as runs/exp1, or overrides, such as experiment=exp1."
         )
     if not arguments:
-        folders = sorted(path.parents[1] for path in Path("runs").glob(f"*/{sweep.NOTE}"))
-    asked = [Sweep.noted(path) for path in folders] if folders or not arguments else [Sweep.read(arguments)]
-    console = Console(width=None if sys.stdout.isatty() else 200)
-    for each in asked:
-        for part in filter(None, (each.growth(), each)):
-            found = status.settings(part)
-            console.print(f"{part.first.title} ({part.first.output}): {status.summary(found)}", highlight=False)
-            console.print(status.table(found))
-            bad = [setting for setting in found if setting.state in ("failed", "damaged")]
-            for line in status.failures(bad):
-                console.print(line, markup=False, highlight=False)
-    if not asked:
+        folders = sorted(path.parents[1] for path in Path("runs").rglob(sweep.NOTE))
+    lines = [sweep.noted(path) for path in folders] if folders or not arguments else [arguments]
+    console = Console(width=None if sys.stdout.isatty() else 200, highlight=False)
+    for line in lines:
+        if search := Search.read(line):
+            config = search.config
+            console.print(
+                f"{config.title} ({config.output}): {search.num_complete} of {search.num_trials} trials complete"
+            )
+        else:
+            _show(Sweep.read(line), console)
+    if not lines:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
+
+
+def _show(asked: Sweep, console: Console) -> None:
+    """Print how a sweep stands, and what belongs to it."""
+    for part in filter(None, (asked.growth(), asked)):
+        found = status.settings(part)
+        console.print(f"{part.first.title} ({part.first.output}): {status.summary(found)}")
+        console.print(status.table(found))
+        for line in status.failures(setting for setting in found if setting.state in ("failed", "damaged")):
+            console.print(line, markup=False)

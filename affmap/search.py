@@ -12,8 +12,9 @@ from affmap.composing import check, compose, parse
 from affmap.config import Config
 from affmap.settings import ConfigError
 
-RESULTS = "results.csv"
-"""Table of a search's folder, written by the sweeper: a row for each trial."""
+RESULTS, TRIALS = "results.csv", "trials.jsonl"
+"""Files of a search's folder, written by the sweeper: the table of a complete search, and, all the time, two lines of
+head and one for each trial."""
 
 
 class Search(NamedTuple):
@@ -52,3 +53,9 @@ class Search(NamedTuple):
         log_keys = frozenset(key for key, space in spaces.items() if "log" in space.partition("interval")[0])
         folder = Path(composed.hydra.sweep.dir)
         return cls([*fixed, *searched.values()], config, folder, settings.num_trials, log_keys)
+
+    @property
+    def num_complete(self) -> int:
+        """How many trials have been made."""
+        path = self.folder / TRIALS
+        return max(0, len(path.read_bytes().splitlines()) - 2) if path.is_file() else 0

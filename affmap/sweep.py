@@ -44,26 +44,6 @@ class Sweep(NamedTuple):
         overrides = complete(arguments)
         return cls(overrides, jobs(overrides), labels(overrides))
 
-    @classmethod
-    def noted(cls, output: Path) -> "Sweep":
-        """The sweep that was last run into a folder.
-
-        Raises:
-            ConfigError: none is known; or see `read`.
-        """
-        path = output / NOTE
-        try:
-            overrides = json.loads(path.read_text("utf-8"))["overrides"]
-        except (OSError, ValueError, KeyError, TypeError):
-            raise ConfigError(f"{path} does not say what was run; give the overrides of the sweep instead.") from None
-        return cls.read(overrides)
-
-    def note(self) -> None:
-        """Note in the output's folder what is run, for `noted`."""
-        path = self.first.output / NOTE
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, {"overrides": self.overrides})
-
     @property
     def first(self) -> Config:
         """What all jobs agree on, as far as reports are concerned."""
@@ -81,6 +61,26 @@ class Sweep(NamedTuple):
                 f"growth = {first.growth!r} names an experiment that has a growth of its own; it must not."
             )
         return growth
+
+
+def note(output: Path, overrides: Sequence[str]) -> None:
+    """Note in an output folder what is run into it, for `noted`."""
+    path = output / NOTE
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, {"overrides": [*overrides]})
+
+
+def noted(output: Path) -> list[str]:
+    """The overrides of what was last run into a folder.
+
+    Raises:
+        ConfigError: nothing is known of it.
+    """
+    path = output / NOTE
+    try:
+        return [str(each) for each in json.loads(path.read_text("utf-8"))["overrides"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise ConfigError(f"{path} does not say what was run; give the overrides of the sweep instead.") from None
 
 
 def complete(overrides: Sequence[str]) -> list[str]:

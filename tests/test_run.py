@@ -1,6 +1,7 @@
 """The commands at the tiniest scale: complete, resumable, brief where all is done, clear in errors."""
 
 import json
+import shutil
 import subprocess
 import time
 from collections.abc import Iterator
@@ -463,6 +464,32 @@ def test_a_report_of_other_results_is_not_replaced(
         assert in_process(monkeypatch, entry, [*line(swept, *SWEEP), f"output={output}"]) == 2
         assert "holds the report of other results" in capsys.readouterr().err
     assert [path.name for path in output.iterdir()] == ["provenance.json"]
+
+
+def test_a_report_and_all_that_it_comes_from_can_be_checked(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whole; then a table changed, a stage damaged, and what is asked about is more than was run: each is told."""
+    folder = tmp_path / "checked"
+    shutil.copytree(swept, folder)
+    arguments = line(folder, *SWEEP)
+    assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 1
+    assert capsys.readouterr().err == f"{folder / 'output'} holds no report.\n"
+    assert in_process(monkeypatch, "affmap-report", arguments) == 0
+    capsys.readouterr()
+    assert in_process(monkeypatch, "affmap-report", [*arguments, "--check"]) == 0
+    assert (
+        capsys.readouterr().out == f"7 stages and the report in {folder / 'output'}: every file is as it was written.\n"
+    )
+    table = folder / "output/tables/runs.csv"
+    table.write_text(table.read_text().replace("0.", "1.", 1))
+    weights = found(folder, "model.context_size=1").train[0] / "weights.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-1])
+    more = [each.replace("=0,1", "=0,1,2") for each in arguments]
+    assert in_process(monkeypatch, "affmap-report", ["--check", *more]) == 1
+    told = capsys.readouterr().err
+    assert f"{table} is not as it was written." in told and f"{weights} is damaged; remove the folder" in told
+    assert told.count(" is missing.") == 3  # the third setting's training, maps and control
 
 
 @pytest.mark.parametrize("entry", ["affmap-report", "affmap-publish"])

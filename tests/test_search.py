@@ -54,6 +54,8 @@ def test_a_search_ends_with_a_report(
     else:
         alone = pd.read_csv(stages.run(config).control[0] / "runs.csv")["mean_distance"].mean()
     assert float(found[0]["result"]) == pytest.approx(alone, abs=2e-3)
+    assert in_process(monkeypatch, "affmap-status", [str(tmp_path / "output")]) == 0
+    assert "4 of 4 trials complete" in capsys.readouterr().out
     before = (tmp_path / "output/jobs/trials.jsonl").read_bytes()
     assert in_process(monkeypatch, "affmap", arguments) == 0
     assert (tmp_path / "output/jobs/trials.jsonl").read_bytes() == before
