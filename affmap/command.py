@@ -11,7 +11,7 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from affmap.settings import ConfigError
-from affmap.store import StoreError
+from affmap.stage import StoreError
 
 MULTIRUN = ("-m", "--multirun")
 """Hydra's flag for sweeps; it is set where it is needed, whether it is given or not."""

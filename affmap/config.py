@@ -28,7 +28,8 @@ from affmap.planning.gradient import GradientPlanner
 from affmap.random import generator
 from affmap.report.settings import ReportSettings
 from affmap.settings import ConfigError, Count, Folder, Line, Name, Seed, Settings, read
-from affmap.store import Stage, Store
+from affmap.stage import Stage
+from affmap.store import Store
 from affmap.training.settings import TrainingSettings
 
 L = TypeVar("L", Layout, Procedural)

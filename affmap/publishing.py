@@ -8,7 +8,7 @@ from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.reporting import check_publishable, find_all
 from affmap.search import RESULTS, Search
 from affmap.settings import ConfigError
-from affmap.store import copy_stage
+from affmap.stage import copy_stage
 from affmap.sweep import Sweep
 from affmap.training.settings import VALIDATION
 

@@ -19,8 +19,8 @@ from affmap.config import Config, plain
 from affmap.reporting import check_output, digests
 from affmap.search import Search
 from affmap.settings import ConfigError, folder
+from affmap.stage import StoreError
 from affmap.stages import check_models, check_trials, find, is_complete, run, score
-from affmap.store import StoreError
 from affmap.sweep import Sweep
 
 log = logging.getLogger("affmap")

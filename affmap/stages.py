@@ -27,7 +27,8 @@ from affmap.random import generator
 from affmap.report.records import Job
 from affmap.report.tables import LAYOUTS
 from affmap.settings import ConfigError
-from affmap.store import Stage, Store
+from affmap.stage import Stage
+from affmap.store import Store
 from affmap.training.settings import VALIDATION
 from affmap.work import Work
 

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from affmap import provenance
 from affmap.files import digests
 from affmap.provenance import PROVENANCE, canonical, sealed, versions
-from affmap.store import Stage, State, Store, StoreError, check, copy_stage
+from affmap.stage import Stage, StoreError, check, copy_stage
+from affmap.store import State, Store
 from affmap.work import Work
 
 scalars = st.none() | st.booleans() | st.integers(-5, 5) | st.floats(allow_nan=False, allow_infinity=False) | st.text()

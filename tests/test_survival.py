@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from affmap import run, stages, status
-from affmap.store import StoreError
+from affmap.stage import StoreError
 from affmap.sweep import Sweep
 
 LINE = [

@@ -1,0 +1,117 @@
+"""A completed stage on disk: what it depends on, where it comes from, and whether every file is as it was written.
+
+`provenance.json` lists the digests of the files, and has a checksum of its own.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from affmap.files import digests, write_json
+from affmap.provenance import PROVENANCE, canonical, circumstances, is_sealed, peak_memory, sealed
+from affmap.work import Work
+
+
+class StoreError(Exception):
+    """What lies in the store cannot be used; the message names the file and the remedy."""
+
+
+class Stage(NamedTuple):
+    """A piece of work, and all that its result depends on."""
+
+    name: str
+    config: Mapping[str, Any]
+    """Plain, JSON-compatible values."""
+
+    @property
+    def digest(self) -> str:
+        """The stage's name on disk; equal configurations have equal digests, in whatever order their keys come."""
+        return hashlib.sha256(canonical(self._asdict()).encode()).hexdigest()[:16]
+
+
+def provenance(stage: Stage, work: Work) -> dict[str, Any]:
+    """Where a completed stage comes from: configuration, versions, git state, machine, command, cost, files.
+
+    Memory is the peak of the process so far.
+    """
+    return sealed(
+        {
+            "stage": stage.name,
+            "digest": stage.digest,
+            "config": stage.config,
+            "started": work.started,
+            "seconds": round(work.seconds, 2),
+            "peak_memory_mib": round(peak_memory(), 1),
+            **circumstances(),
+            "files": {name: digest for name, digest in digests(work.folder).items() if not work.is_scratch(name)},
+        }
+    )
+
+
+def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
+    """Make sure that a completed stage is as it was written; returns its provenance.
+
+    Args:
+        folder: of the stage.
+        stage: what it must be; by default what the folder's name says.
+
+    Raises:
+        StoreError: a file is damaged, missing or too many.
+    """
+    record = read(folder)
+    made = Stage(record["stage"], record["config"])
+    if made.digest != record["digest"] or made.digest != (stage.digest if stage else folder.name):
+        raise StoreError(f"{folder / PROVENANCE} is that of another stage; {remedy(folder)}")
+    expected, actual = record["files"], {n: d for n, d in digests(folder).items() if not Work(folder).is_scratch(n)}
+    del actual[PROVENANCE]
+    for name in sorted(expected.keys() | actual.keys()):
+        if expected.get(name) != actual.get(name):
+            problem = "is missing" if name not in actual else "does not belong there"
+            problem = "is damaged" if name in expected and name in actual else problem
+            raise StoreError(f"{folder / name} {problem}; {remedy(folder)}")
+    return record
+
+
+def copy_stage(source: Path, target: Path, patterns: Sequence[str]) -> None:
+    """Copy a completed stage, but only those of its files that match one of `patterns`.
+
+    Raises:
+        StoreError: a file is damaged.
+    """
+    record = check(source)
+    names = [name for name in record["files"] if any(fnmatch(name, pattern) for pattern in patterns)]
+    partial = target.with_suffix(".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    for name in names:
+        (partial / name).parent.mkdir(exist_ok=True)
+        shutil.copy(source / name, partial / name)
+    write_json(partial / PROVENANCE, sealed({**record, "files": {name: record["files"][name] for name in names}}))
+    shutil.rmtree(target, ignore_errors=True)
+    os.replace(partial, target)
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """The provenance of a completed stage.
+
+    Raises:
+        StoreError: it is damaged.
+    """
+    path = folder / PROVENANCE
+    try:
+        record = json.loads(path.read_text("utf-8"))
+    except ValueError:
+        record = None
+    if not isinstance(record, dict) or not is_sealed(record):
+        raise StoreError(f"{path} is damaged, or another version of affmap wrote it; {remedy(folder)}")
+    return record
+
+
+def remedy(folder: Path) -> str:
+    """What to do about a damaged folder."""
+    return f"remove the folder {folder} (or restore it) and run the same command again."
