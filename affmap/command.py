@@ -1,10 +1,13 @@
 """What all commands share: reading the command line, telling what is wrong in a sentence, ending when told to."""
 
+import multiprocessing
+import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from threading import current_thread, main_thread
 from typing import NoReturn
 
 from hydra.errors import HydraException
@@ -33,10 +36,12 @@ def command(body: Callable[[list[str]], None], known: Collection[str] = ()) -> N
         _leave(str(error), 2)
     except (StoreError, SweepError) as error:
         _leave(str(error), 1)
+    except OSError as error:
+        _leave(f"{error.filename or 'A file'}: {error.strerror or error}; mend that and run the same command again.", 1)
     except KeyboardInterrupt:
-        _leave("Stopped; the same command goes on from there.", 128 + signal.SIGINT)
+        _leave_at_once("Stopped; the same command goes on from there.", 128 + signal.SIGINT)
     except Terminated as ending:
-        _leave("Stopped by a signal; the same command goes on from there.", ending.code)
+        _leave_at_once("Stopped by a signal; the same command goes on from there.", ending.code)
 
 
 def flags() -> list[str]:
@@ -55,6 +60,15 @@ def _leave(words: str, status: int) -> NoReturn:
     sys.exit(status)
 
 
+def _leave_at_once(words: str, status: int) -> NoReturn:
+    """Leave without waiting for workers, which may have results to send that nobody will receive."""
+    for worker in multiprocessing.active_children():
+        worker.kill()
+    print(words, file=sys.stderr, flush=True)
+    sys.stdout.flush()
+    os._exit(status)
+
+
 class Terminated(SystemExit):
     """SIGTERM has come."""
 
@@ -67,7 +81,9 @@ def ended_by_scheduler() -> Iterator[None]:
 
     A launcher that listens to the signal itself is not disturbed.
     """
-    listening = current_thread() is main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    listening = (
+        threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    )
     if listening:
         signal.signal(signal.SIGTERM, _terminate)
     try:
@@ -79,3 +95,21 @@ def ended_by_scheduler() -> Iterator[None]:
 
 def _terminate(number: int, _frame: object) -> None:
     raise Terminated(128 + number)
+
+
+def end_with_parent() -> None:
+    """Let a worker process end when the command that it works for is killed: nobody would receive its results."""
+    if multiprocessing.current_process().name == "MainProcess" or _WATCH in {
+        each.name for each in threading.enumerate()
+    }:
+        return
+    threading.Thread(target=_watch, args=(os.getppid(),), name=_WATCH, daemon=True).start()
+
+
+_WATCH = "affmap: is the parent there?"
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)

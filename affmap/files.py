@@ -1,12 +1,17 @@
-"""Files that are whole or not there, and their digests (leaf)."""
+"""Files that are whole or not there, their digests, and locks (leaf)."""
 
 import hashlib
 import json
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
+
+log = logging.getLogger("affmap")
 
 
 @contextmanager
@@ -52,3 +57,18 @@ def _to_disk(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+@contextmanager
+def locked(path: Path, other: str) -> Iterator[None]:
+    """Hold a lock, and wait for it if `other` has it, which is told."""
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        log.info("Waiting for %s.", other)
+        lock.acquire(poll_interval=0.5)  # a thousand jobs that wait should not keep a file server busy
+    try:
+        yield
+    finally:
+        lock.release()

@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import resource
+import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -31,7 +32,7 @@ def canonical(value: Any) -> str:
 def circumstances() -> dict[str, Any]:
     """What a result comes from besides its configuration: command, versions, git state, machine."""
     return {
-        "command": " ".join([Path(sys.argv[0]).name, *without_places(sys.argv[1:])]),
+        "command": shlex.join([Path(sys.argv[0]).name, *without_places(sys.argv[1:])]),
         "versions": versions(),
         "git": _git(),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},

@@ -3,6 +3,7 @@
 `affmap-report` draws the report of a sweep or a search, `affmap-paper` puts those of all experiments together.
 """
 
+import shlex
 from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from typing import NamedTuple
 from affmap import sweep
 from affmap.command import SweepError, command, flags
 from affmap.config import Config
+from affmap.files import locked
 from affmap.provenance import PROVENANCE, without_places
 from affmap.report import provenance
 from affmap.report.records import Job
@@ -62,7 +64,7 @@ def find_all(asked: Sweep) -> Found:
     said = f"{len(missing)} of {count} settings are not complete ({'; '.join(missing)})" if missing else ""
     complete = [job for job in jobs if job]
     if missing and not (asked.first.report.partial and complete):
-        told = " ".join(asked.overrides)
+        told = shlex.join(asked.overrides)
         raise ConfigError(f"{said}; run `affmap {told}` first.")
     return Found(join(complete), grown, said)
 
@@ -101,6 +103,8 @@ def _check(arguments: list[str]) -> None:
     """
     from affmap.report import document, sealed
 
+    if Search.read(arguments):
+        raise ConfigError(f"{CHECK} looks at sweeps; the trials of a search are checked when the search goes on.")
     asked = Sweep.read(arguments)
     output, growth = asked.first.output, asked.growth()
     found, problems = set(), []
@@ -126,10 +130,16 @@ def _check(arguments: list[str]) -> None:
 
 
 def _report_any(arguments: list[str]) -> None:
-    if search := Search.read(arguments):
-        _report_search(search)
-    else:
-        _report(Sweep.read(arguments))
+    search = Search.read(arguments)
+    asked = search or Sweep.read(arguments)
+    output = asked.config.output if isinstance(asked, Search) else asked.first.output
+    lock = output.with_name(f".{output.name}.lock")
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with locked(lock, f"another command that writes {output}"):
+        try:
+            _report_search(asked) if isinstance(asked, Search) else _report(asked)
+        finally:
+            lock.unlink(missing_ok=True)
 
 
 def _report_search(search: Search) -> None:
@@ -137,6 +147,8 @@ def _report_search(search: Search) -> None:
 
     config = search.config
     check_output(config.output, ())
+    made = search.num_complete
+    part = f"PARTIAL: {made} of {search.num_trials} trials are complete" if made < search.num_trials else ""
     path = searches.write(
         config.output,
         search.folder / RESULTS,
@@ -144,8 +156,8 @@ def _report_search(search: Search) -> None:
         in_use=provenance.leaves(config.model_dump(mode="json")),
         log_keys=search.log_keys,
         title=config.title,
-        command=" ".join(["affmap", *without_places(search.overrides)]),
-        notice=config.notice,
+        command=shlex.join(["affmap", *without_places(search.overrides)]),
+        notice="; ".join(filter(None, [config.notice, part])) or None,
     )
     print(f"{path.read_text('utf-8')}\nThe table is {path}")
 
@@ -161,7 +173,7 @@ def _report(asked: Sweep) -> None:
         print(f"{path.read_text('utf-8')}\nThe table is {path}")
         return
     check_output(first.output, digests(asked))
-    command = " ".join(["affmap", *without_places(asked.overrides)])
+    command = shlex.join(["affmap", *without_places(asked.overrides)])
     path = document.write(
         first.output, found.results, first.report, title=first.title, command=command, notice=notice or None
     )
@@ -188,7 +200,7 @@ def _paper(asked: Sweep, keep: bool) -> None:
         parts.append(paper.Part(first.title, found.results, first.report, first.output, found.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
-    command = " ".join(["affmap-paper", *without_places(asked.overrides)])
+    command = shlex.join(["affmap-paper", *without_places(asked.overrides)])
     print(f"The report is {paper.write(output, parts, command=command, notice=first.notice)}")
     if keep:
         check_publishable(first)

@@ -5,6 +5,7 @@ Both take Hydra overrides. The jobs of a sweep run wherever Hydra's launcher put
 
 import logging
 import os
+import shlex
 import sys
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from affmap import status, sweep
-from affmap.command import SweepError, command, ended_by_scheduler, flags
+from affmap.command import SweepError, command, end_with_parent, ended_by_scheduler, flags
 from affmap.config import Config, plain
 from affmap.reporting import check_output, digests
 from affmap.search import Search
@@ -22,11 +23,15 @@ from affmap.settings import ConfigError, folder
 from affmap.stage import StoreError
 from affmap.stages import check_models, check_trials, find, is_complete, run, score
 from affmap.sweep import Sweep
+from hydra_plugins.hyperopt_sweeper._space import TrialError
 
 log = logging.getLogger("affmap")
 
 HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
 """Hydra's own flags that print something and run nothing."""
+
+IRRELEVANT = ("threads", "versions", "store", "reference", "output", "title", "notice")
+"""Keys that change no result of a trial."""
 
 
 def main() -> None:
@@ -49,10 +54,14 @@ def _run_search(search: Search) -> None:
     check_output(search.config.output, ())
     print(f"{search.config.name}: {search.num_complete} of {search.num_trials} trials are complete.", flush=True)
     sweep.note(search.config.output, search.overrides)
-    problem = _launch(["-m", *search.overrides])
+    same = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
+    try:
+        problem = _launch(["-m", *search.overrides, same])
+    except TrialError as error:
+        raise SweepError(str(error)) from None
     if problem:
         raise SweepError("\n".join([*problem, "The same command goes on where this one stopped."]))
-    print(f"{search.config.name}: the search is complete; affmap-report {' '.join(sys.argv[1:])} draws it.")
+    print(f"{search.config.name}: the search is complete; affmap-report {shlex.join(sys.argv[1:])} draws it.")
 
 
 def _run_sweep(asked: Sweep) -> None:
@@ -75,13 +84,18 @@ def _run_sweep(asked: Sweep) -> None:
         check_models(config)
         check_trials(config)
     sweep.note(first.output, asked.overrides)
-    problem = _launch([*(["-m"] if sweep.is_sweep(asked.overrides) else []), *asked.overrides])
+    arguments = [*(["-m"] if sweep.is_sweep(asked.overrides) else []), *asked.overrides]
+    problem = _launch(arguments)
+    while problem and complete < (now := sum(is_complete(config) for config in asked.configs)):
+        # A worker that was killed took the others with it, whose jobs are not to blame.
+        complete = now
+        problem = _launch(arguments)
     failed = status.failures(status.settings(asked, check=True))
     if problem or failed:
         lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
         more = f"All logs are in {first.output / 'jobs'}; the same command goes on where this one stopped."
         raise SweepError("\n".join([*lines, more]))
-    print(f"{first.name}: all {count} settings are complete; affmap-report {' '.join(sys.argv[1:])} draws them.")
+    print(f"{first.name}: all {count} settings are complete; affmap-report {shlex.join(sys.argv[1:])} draws them.")
 
 
 def _launch(arguments: list[str]) -> list[str]:
@@ -107,6 +121,7 @@ def _job(composed: DictConfig) -> float | list[float] | None:
     That of a search returns what the search is for; the sweeper wants to know of failures.
     """
     config = None
+    end_with_parent()
     try:
         with ended_by_scheduler():
             config = Config.checked(plain(composed), "the configuration")

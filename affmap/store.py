@@ -6,17 +6,15 @@ for the one that makes it. Knows nothing of what the stages are.
 """
 
 import errno
+import fcntl
 import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from filelock import FileLock, Timeout
-
-from affmap.files import to_disk, write_json
+from affmap.files import locked, to_disk, write_json
 from affmap.provenance import PROVENANCE, other_versions
 from affmap.stage import Stage, StoreError, check, provenance, read, remedy
 from affmap.work import Work, last_attempt
@@ -103,7 +101,7 @@ class Store:
         final = self.root / stage.name / stage.digest
         final.parent.mkdir(parents=True, exist_ok=True)
         lock = final.with_suffix(".lock")
-        with _locked(lock):
+        with locked(lock, f"another job that makes {stage.name}/{stage.digest}"):
             if not self.has(stage):  # else another job made it while this one waited
                 self._complete(stage, final, build)
             lock.unlink(missing_ok=True)
@@ -155,27 +153,13 @@ def _is_full(root: Path, error: Exception) -> bool:
     return root.exists() and shutil.disk_usage(root).free < 2**16
 
 
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock, and wait for it if another job has it."""
-    lock = FileLock(path)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        log.info("Waiting for another job that makes %s/%s.", path.parent.name, path.stem)
-        lock.acquire(poll_interval=0.5)  # a thousand jobs that wait should not keep a file server busy
-    try:
-        yield
-    finally:
-        lock.release()
-
-
 def _is_locked(path: Path) -> bool:
-    """Whether a job holds a lock now."""
-    if not path.is_file():
-        return False
+    """Whether a job holds a lock now; found out without writing, in somebody else's store, too."""
     try:
-        FileLock(path).acquire(timeout=0).lock.release()
-    except Timeout:
+        with path.open() as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
         return True
     return False

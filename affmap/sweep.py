@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.types import Override, RangeSweep
+from pydantic import TypeAdapter
 
 from affmap.composing import check, compose, parse, reading, values
 from affmap.config import Config
@@ -78,7 +79,7 @@ def noted(output: Path) -> list[str]:
     """
     path = output / NOTE
     try:
-        return [str(each) for each in json.loads(path.read_text("utf-8"))["overrides"]]
+        return TypeAdapter(list[str]).validate_python(json.loads(path.read_text("utf-8"))["overrides"])
     except (OSError, ValueError, KeyError, TypeError):
         raise ConfigError(f"{path} does not say what was run; give the overrides of the sweep instead.") from None
 

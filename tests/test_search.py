@@ -1,6 +1,7 @@
 """Searches through the real commands at the tiniest scale: what is tried, what for, and what is told of it."""
 
 import csv
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,35 @@ def test_the_issue_s_own_command_line(tmp_path: Path) -> None:
     logs = [path.read_text() for path in (tmp_path / "output/jobs").glob("*/affmap.log")]
     assert sum("planner.momentum = 1.5 is not allowed" in text for text in logs) == len(failed)
     assert len(list((tmp_path / "store/train").iterdir())) == 5 - len(failed)
+
+
+def test_what_is_no_fault_of_the_values_is_no_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A damaged model: the search ends with status 1 and the remedy, keeps the trials that it has, and, when the remedy
+    is followed, ends as one that nothing happened to; keys that change no result may be others, and a report on the way
+    says how far it is."""
+    monkeypatch.chdir(tmp_path)
+    wanted = [*QUICK, "search=cem"]
+    whole = line(tmp_path / "whole", *wanted)
+    assert in_process(monkeypatch, "affmap", whole) == 0
+    expected = pd.DataFrame(trials(tmp_path / "whole/output")).drop(columns="batch_seconds")
+    own = line(tmp_path / "own", *wanted)
+    two = [each.replace("num_trials=4", "num_trials=2") for each in own]
+    assert in_process(monkeypatch, "affmap", two) == 0
+    (train,) = (tmp_path / "own/store/train").iterdir()
+    weights = train / "weights.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-1])
+    capsys.readouterr()
+    assert in_process(monkeypatch, "affmap", own) == 1
+    told = capsys.readouterr().err
+    assert f"{weights} is damaged; remove the folder {train}" in told and "the same command tries it again" in told
+    assert len(trials(tmp_path / "own/output")) == 2
+    assert in_process(monkeypatch, "affmap-report", own) == 0
+    assert "PARTIAL: 2 of 4 trials are complete**" in capsys.readouterr().out
+    shutil.rmtree(train)
+    assert in_process(monkeypatch, "affmap", [*own, "threads=2", "versions=any"]) == 0
+    pd.testing.assert_frame_equal(pd.DataFrame(trials(tmp_path / "own/output")).drop(columns="batch_seconds"), expected)
 
 
 @pytest.mark.parametrize(

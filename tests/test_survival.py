@@ -150,11 +150,47 @@ def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
     while subprocess.run(["pgrep", "--session", str(process.pid)], capture_output=True, check=False).stdout:
         assert time.monotonic() < deadline, "a worker is left"
         time.sleep(0.1)
-    assert len(list(tmp_path.glob("store/train/*/unfinished/*.ckpt"))) == workers
+    assert len({path.parent for path in tmp_path.glob("store/train/*/unfinished/*.ckpt")}) == workers
     states = [setting.state for setting in status.settings(Sweep.read(overrides))]
     assert states == ["stopped", "stopped" if workers == 2 else "missing"]
     assert finish(start(tmp_path)) == 0, said(tmp_path)
     assert results(tmp_path).items() >= results(undisturbed).items()
+
+
+QUICK = [*LINE, "training.num_epochs=1", "seed=range(12)", "hydra.launcher.n_jobs=2"]
+
+
+def alive(session: int) -> bool:
+    """Whether a process of a session is there."""
+    return bool(subprocess.run(["pgrep", "--session", str(session)], capture_output=True, check=False).stdout)
+
+
+def test_a_signal_at_any_moment_ends_two_workers_too(tmp_path: Path) -> None:
+    """The console script with jobs of a fraction of a second, so that workers are often about to send a result: SIGTERM
+    and SIGINT in turn, six times; within seconds no process is left, and in the end all is complete."""
+    rng = np.random.default_rng(0)
+    script = [Path(sys.executable).with_name("affmap"), *QUICK, *line(tmp_path)[len(LINE) :]]
+    for turn in range(6):
+        process = subprocess.Popen(
+            script,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        )
+        deadline = time.monotonic() + 60
+        while not list(tmp_path.glob("store/*/*")) and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(rng.uniform(3, 8))
+        number = (signal.SIGTERM, signal.SIGINT)[turn % 2]
+        process.send_signal(number)
+        assert process.wait(20) in (0, 128 + number)
+        while alive(process.pid):
+            assert time.monotonic() < deadline + 20, f"a worker is left after {number.name}"
+            time.sleep(0.1)
+        if process.returncode == 0:
+            shutil.rmtree(tmp_path / "store")
+    assert subprocess.run(script, stdout=subprocess.DEVNULL, check=False).returncode == 0
 
 
 def test_two_sweeps_at_once_make_everything_once(undisturbed: Path, tmp_path: Path) -> None:
@@ -216,7 +252,7 @@ def test_a_disk_that_takes_no_more_costs_nothing(undisturbed: Path, tmp_path: Pa
     """No file may be longer than so many bytes, as on a full disk: the sweep fails, and says so without a traceback on
     the terminal's error stream; with room again, the same command ends as an undisturbed sweep."""
     assert finish(start(tmp_path, limit=limit)) == 1
-    assert "File too large" in said(tmp_path) or limit == 1
+    assert "File too large" in said(tmp_path) or limit == 1  # when nothing can be said, either
     assert finish(start(tmp_path)) == 0, said(tmp_path)
     assert results(tmp_path) == results(undisturbed)
 
@@ -230,6 +266,7 @@ def test_a_full_disk_is_told_and_costs_nothing(undisturbed: Path, tmp_path: Path
         pytest.skip("a file system of a given size can be mounted by the administrator only")
     try:
         assert finish(start(folder)) == 1
+        assert "No space left on device" in said(folder) or "is full; make room" in said(folder)
         subprocess.run(["mount", "-o", "remount,size=50m", str(folder)], check=True)
         assert finish(start(folder)) == 0, said(folder)
         assert results(folder) == results(undisturbed)

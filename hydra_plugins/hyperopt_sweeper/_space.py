@@ -32,6 +32,10 @@ class SearchError(CompactHydraException):
     """A search that cannot be made; the message, which Hydra shows without a traceback, says why and what to do."""
 
 
+class TrialError(SearchError):
+    """A trial that could not be made, though its values are not to blame; nothing of its batch is kept."""
+
+
 @dataclass(frozen=True)
 class Interval:
     """Numbers from `low` to `high`, both included; on a logarithmic scale if `log`, whole ones if `integer`."""

@@ -21,7 +21,7 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
 from hydra_plugins.hyperopt_sweeper._outcomes import outcomes
-from hydra_plugins.hyperopt_sweeper._space import Point, SearchError, Space, parse
+from hydra_plugins.hyperopt_sweeper._space import Point, SearchError, Space, TrialError, parse
 from hydra_plugins.hyperopt_sweeper._trials import TRIALS, Trial, load, save, write_results
 
 log = logging.getLogger(__name__)
@@ -64,6 +64,8 @@ class HyperoptConf:
     """What to try first: a value of each searched key."""
     stacked: bool = False
     """Whether a batch is one job, which gets a list of values for each searched key and returns as many results."""
+    irrelevant: list[str] = field(default_factory=list)
+    """Keys whose values change no result, so that trials with others belong to the same search."""
     params: dict[str, str] = field(default_factory=dict)
     """Key -> what to search over, in Hydra's grammar; the command line wins."""
 
@@ -124,6 +126,7 @@ class HyperoptSweeper(Sweeper):
                 search.tell(trial.trial, self._loss(trial.result))
             trials += batch
             save(path, identity, trials)
+            write_results(folder, trials, self._best(trials))
             best = self._best(trials)
             log.info(f"{len(trials)} of {settings.num_trials} trials are complete; the best is {_told(best)}.")
         self._finish(folder, trials)
@@ -153,7 +156,7 @@ class HyperoptSweeper(Sweeper):
         return {
             "format": 1,
             "space": {key: str(dimension) for key, dimension in space.dimensions.items()},
-            "fixed": space.fixed,
+            "fixed": sorted(each for each in space.fixed if _key(each) not in settings.irrelevant),
             "direction": settings.direction.value,
             "algorithm": settings.algorithm.value,
             "num_startup": settings.num_startup,
@@ -173,6 +176,10 @@ class HyperoptSweeper(Sweeper):
         found = outcomes(returned, len(points), stacked)
         trials = []
         for number, (point, outcome) in enumerate(zip(points, found, strict=True), start=first):
+            if outcome.raised and not isinstance(outcome.raised, (ValueError, ArithmeticError)):
+                raise TrialError(
+                    f"Trial {number} could not be made: {outcome.error}; the same command tries it again."
+                ) from outcome.raised
             trials.append(Trial(number, dict(point), space.values(point), outcome.result, outcome.error, seconds))
             if outcome.error:
                 log.warning(f"Trial {number} failed: {outcome.error}", exc_info=outcome.raised)
@@ -198,6 +205,10 @@ class HyperoptSweeper(Sweeper):
         if failed:
             log.warning(f"{len(failed)} of {len(trials)} trials failed: {', '.join(str(t.trial) for t in failed)}.")
         log.info(f"The best is {_told(best)}; all trials are in {folder}.")
+
+
+def _key(override: str) -> str:
+    return override.partition("=")[0].lstrip("+~")
 
 
 def _told(trial: Trial | None) -> str:
