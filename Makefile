@@ -47,7 +47,7 @@ paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one
 
 SEARCHES := training cem gradient
 
-tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (half an hour)
+tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (an hour)
 	for name in $(SEARCHES); do $(BIN)/affmap search=$$name $(SETTINGS) && $(BIN)/affmap-report search=$$name $(SETTINGS) || exit 1; done
 
 publish: paper  ## keep the reports and models of all experiments in runs/reference
