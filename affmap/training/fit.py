@@ -113,11 +113,12 @@ def fit(
     if checkpoint:
         with reading(checkpoint):  # that of a stranger executes nothing, and is told
             torch.load(checkpoint, map_location="cpu", weights_only=True)
+    listener = signal.getsignal(signal.SIGINT)
     try:
         trainer.fit(module, data, ckpt_path=checkpoint, weights_only=True)
     except SystemExit as leaving:
         if isinstance(leaving.__context__, KeyboardInterrupt):  # Lightning makes an exit of it, and goes deaf for more
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, listener)
             raise KeyboardInterrupt from None
         raise
     for epoch, weights in epochs.snapshots.items():
