@@ -24,7 +24,6 @@ from affmap.sweep import Sweep
 PAPER = ("exp1", "exp2", "exp3", "exp4", "exp5")
 """The experiments of the paper."""
 
-
 CHECK, PUBLISH = "--check", "--publish"
 """Flags of `affmap-report` and `affmap-paper`."""
 

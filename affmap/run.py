@@ -120,7 +120,6 @@ def _job(composed: DictConfig) -> float | list[float] | None:
 
     That of a search returns what the search is for; the sweeper wants to know of failures.
     """
-    config = None
     end_with_parent()
     try:
         with ended_by_scheduler():
@@ -128,13 +127,11 @@ def _job(composed: DictConfig) -> float | list[float] | None:
             if config.objective:
                 return score(config)
             run(config)
-    except (ConfigError, StoreError) as error:
-        log.error("This job failed: %s", error)
-        if config and config.objective:
-            raise
-    except Exception:
-        log.exception("This job failed; the same command goes on where it stopped.")
-        if config and config.objective:
+    except Exception as error:
+        is_sentence = isinstance(error, (ConfigError, StoreError))
+        words = "This job failed: %s The same command goes on where it stopped."
+        log.error(words, str(error).rstrip(".") + ".", exc_info=not is_sentence)
+        if composed.get("objective"):
             raise
     return None
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from affmap.files import digests, write_json
 from affmap.provenance import PROVENANCE, canonical, circumstances, is_sealed, peak_memory, sealed
-from affmap.work import Work
+from affmap.work import Work, is_scratch
 
 
 class StoreError(Exception):
@@ -48,9 +48,14 @@ def provenance(stage: Stage, work: Work) -> dict[str, Any]:
             "seconds": round(work.seconds, 2),
             "peak_memory_mib": round(peak_memory(), 1),
             **circumstances(),
-            "files": {name: digest for name, digest in digests(work.folder).items() if not work.is_scratch(name)},
+            "files": _digests(work.folder),
         }
     )
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    """Of all files that are, or will be, those of the completed stage."""
+    return {name: digest for name, digest in digests(folder).items() if not is_scratch(name)}
 
 
 def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
@@ -67,7 +72,7 @@ def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
     made = Stage(record["stage"], record["config"])
     if made.digest != record["digest"] or made.digest != (stage.digest if stage else folder.name):
         raise StoreError(f"{folder / PROVENANCE} is that of another stage; {remedy(folder)}")
-    expected, actual = record["files"], {n: d for n, d in digests(folder).items() if not Work(folder).is_scratch(n)}
+    expected, actual = record["files"], _digests(folder)
     del actual[PROVENANCE]
     for name in sorted(expected.keys() | actual.keys()):
         if expected.get(name) != actual.get(name):

@@ -102,10 +102,11 @@ class Store:
         final.parent.mkdir(parents=True, exist_ok=True)
         lock = final.with_suffix(".lock")
         with locked(lock, f"another job that makes {stage.name}/{stage.digest}"):
-            if not self.has(stage):  # else another job made it while this one waited
+            found = self.find(stage)  # another job may have made it while this one waited
+            if not found:
                 self._complete(stage, final, build)
             lock.unlink(missing_ok=True)
-        return self.find(stage) or final
+        return found or final
 
     def _complete(self, stage: Stage, final: Path, build: Callable[[Work], None]) -> None:
         if final.exists():

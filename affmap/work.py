@@ -64,10 +64,6 @@ class Work:
         """For what an interruption should not cost, such as checkpoints."""
         return self.folder / _UNFINISHED
 
-    def is_scratch(self, name: str) -> bool:
-        """Whether a file of the folder is among what is removed when the stage is complete."""
-        return name.startswith(f"{_UNFINISHED}/")
-
     @property
     def started(self) -> str:
         """When the first attempt began."""
@@ -95,6 +91,11 @@ class Work:
     def _write(self) -> None:
         self._noted = time.monotonic()
         write_json(self.scratch / _NOTE, sealed({**self._note, "seconds": round(self.seconds, 2)}))
+
+
+def is_scratch(name: str) -> bool:
+    """Whether a file of a stage's folder is among what is removed when the stage is complete."""
+    return name.startswith(f"{_UNFINISHED}/")
 
 
 def last_attempt(folder: Path) -> dict[str, Any] | None:
