@@ -36,6 +36,8 @@ def command(body: Callable[[list[str]], None], known: Collection[str] = ()) -> N
         _leave(str(error), 2)
     except (StoreError, SweepError) as error:
         _leave(str(error), 1)
+    except BrokenPipeError:  # whoever read the output, such as `head`, has enough
+        os._exit(128 + signal.SIGPIPE)
     except OSError as error:
         _leave(f"{error.filename or 'A file'}: {error.strerror or error}; mend that and run the same command again.", 1)
     except KeyboardInterrupt:

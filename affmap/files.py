@@ -21,9 +21,13 @@ def written(path: Path) -> Iterator[Path]:
     A kill or a power cut at any moment leaves either the old file or the new one.
     """
     temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    yield temporary
-    _to_disk(temporary)
-    os.replace(temporary, path)
+    try:
+        yield temporary
+        _to_disk(temporary)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
     _to_disk(path.parent)
 
 

@@ -6,11 +6,12 @@ from affmap.command import command
 from affmap.config import Config
 from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.reporting import check_publishable, find_all
-from affmap.search import RESULTS, Search
+from affmap.search import Search
 from affmap.settings import ConfigError
 from affmap.stage import copy_stage
 from affmap.sweep import Sweep
 from affmap.training.settings import VALIDATION
+from hydra_plugins.hyperopt_sweeper._trials import RESULTS
 
 WITHOUT = ("*.pdf", "*.html")
 """Files that are not kept: the report's own PDF, which is, has the vector figures, and the page has all figures."""

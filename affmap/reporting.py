@@ -8,18 +8,19 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
-from affmap import sweep
+from affmap import status, sweep
 from affmap.command import SweepError, command, flags
 from affmap.config import Config
 from affmap.files import locked
-from affmap.provenance import PROVENANCE, without_places
+from affmap.provenance import circumstances, without_places
 from affmap.report import provenance
 from affmap.report.records import Job
 from affmap.report.tables import Results, join
-from affmap.search import RESULTS, Search
+from affmap.search import Search
 from affmap.settings import ConfigError
 from affmap.stages import find, stages
 from affmap.sweep import Sweep
+from hydra_plugins.hyperopt_sweeper._trials import RESULTS
 
 PAPER = ("exp1", "exp2", "exp3", "exp4", "exp5")
 """The experiments of the paper."""
@@ -84,8 +85,7 @@ def check_output(output: Path, stages: Collection[str]) -> None:
     Raises:
         ConfigError: the folder holds a report of others.
     """
-    path = output / PROVENANCE
-    if path.is_file() and not provenance.digests(path) <= set(stages):
+    if not provenance.digests(output) <= set(stages):
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
 
@@ -100,32 +100,35 @@ def _check(arguments: list[str]) -> None:
     Raises:
         SweepError: something is not as it was written.
     """
-    from affmap.report import document, sealed
+    from affmap.report import sealed, searches
 
-    if Search.read(arguments):
-        raise ConfigError(f"{CHECK} looks at sweeps; the trials of a search are checked when the search goes on.")
-    asked = Sweep.read(arguments)
-    output, growth = asked.first.output, asked.growth()
-    found, problems = set(), []
-    for config in [*asked.configs, *(growth.configs if growth else [])]:
-        store = config.open_store()
-        for stage in stages(config):
-            state = store.state(stage, check=True)
-            if state.name == "complete":
-                found.add(stage.digest)
-            else:
-                problems.append(state.error or f"{store.root / stage.name / stage.digest} is {state.name}.")
-    if not (output / PROVENANCE).is_file():
-        problems.append(f"{output} holds no report.")
+    if search := Search.read(arguments):
+        output, found = search.config.output, f"{search.num_complete} trials"
+        problems = sealed.problems(output)
+        if not problems and not searches.is_written(output, search.folder / RESULTS):
+            problems = [f"{output} is the report of other trials; affmap-report makes it anew."]
     else:
-        check_output(output, digests(asked))
-        problems += sealed.problems(output)
-        if document.code_of(output) != document.code():
-            problems.append(f"{output} was made by another version of the report's code; affmap-report makes it anew.")
-    problems = list(dict.fromkeys(problems))
+        output, found, problems = _check_sweep(Sweep.read(arguments))
     if problems:
         raise SweepError("\n".join(problems))
-    print(f"{len(found)} stages and the report in {output}: every file is as it was written.")
+    print(f"{found} and the report in {output}: every file is as it was written.")
+
+
+def _check_sweep(asked: Sweep) -> tuple[Path, str, list[str]]:
+    """The folder of a sweep's report, what was found of it, and what is wrong with its files."""
+    from affmap.report import sealed
+
+    output, states = asked.first.output, status.settings(asked, check=True)
+    if growth := asked.growth():
+        states += status.settings(growth, check=True)
+    parts = {part.digest: part for setting in states for part in setting.parts}
+    problems = [
+        part.state.error or f"Stage {part.name}/{digest} is {part.state.name}."
+        for digest, part in parts.items()
+        if part.state.name != "complete"
+    ]
+    check_output(output, parts)
+    return output, f"{len(parts)} stages", [*problems, *sealed.problems(output)]
 
 
 def _report_any(arguments: list[str]) -> None:
@@ -154,6 +157,7 @@ def _report_search(search: Search) -> None:
         config.objective or "",
         in_use=provenance.leaves(config.model_dump(mode="json")),
         log_keys=search.log_keys,
+        origin={"overrides": search.overrides, "config": config.model_dump(mode="json"), **circumstances()},
         title=config.title,
         command=shlex.join(["affmap", *without_places(search.overrides)]),
         notice="; ".join(filter(None, [config.notice, part])) or None,
@@ -167,16 +171,15 @@ def _report(asked: Sweep) -> None:
     first = asked.first
     found = find_all(asked)
     notice = "; ".join(filter(None, [first.notice, found.missing and f"PARTIAL: {found.missing.partition(' (')[0]}"]))
-    if first.report.compare:
-        path = comparison.write(first.output, found.jobs, first.report.compare, notice or None)
-        print(f"{path.read_text('utf-8')}\nThe table is {path}")
-        return
     check_output(first.output, digests(asked))
     command = shlex.join(["affmap", *without_places(asked.overrides)])
-    path = document.write(
-        first.output, found.results, first.report, title=first.title, command=command, notice=notice or None
-    )
-    print(f"The report is {path}")
+    told = {"name": first.name, "title": first.title, "command": command}
+    if first.report.compare:
+        path = comparison.write(first.output, found.jobs, first.report.compare, **told, notice=notice or None)
+        print(f"{path.read_text('utf-8')}\nThe table is {path}")
+    else:
+        path = document.write(first.output, found.results, first.report, **told, notice=notice or None)
+        print(f"The report is {path}")
 
 
 def paper() -> None:

@@ -17,6 +17,7 @@ from rich.console import Console
 from affmap import status, sweep
 from affmap.command import SweepError, command, end_with_parent, ended_by_scheduler, flags
 from affmap.config import Config, plain
+from affmap.files import locked
 from affmap.reporting import check_output, digests
 from affmap.search import Search
 from affmap.settings import ConfigError, folder
@@ -36,10 +37,18 @@ IRRELEVANT = ("threads", "versions", "store", "reference", "output", "title", "n
 
 def main() -> None:
     """`affmap`: run what is not complete yet."""
-    if HYDRA & {flag.partition("=")[0] for flag in flags()}:
+    printing = HYDRA & {flag.partition("=")[0] for flag in flags()}
+    if printing & {"--cfg", "-c"}:
+        command(_check, known=flags())
+    if printing:
         _job()
-        return
-    command(_run)
+    else:
+        command(_run)
+
+
+def _check(arguments: list[str]) -> None:
+    """Refuse to print a configuration that cannot be run."""
+    Sweep.read([argument for argument in arguments if "=" in argument])  # else it belongs to a flag
 
 
 def _run(arguments: list[str]) -> None:
@@ -52,11 +61,12 @@ def _run(arguments: list[str]) -> None:
 def _run_search(search: Search) -> None:
     """Make the trials of a search that have not been made."""
     check_output(search.config.output, ())
-    print(f"{search.config.name}: {search.num_complete} of {search.num_trials} trials are complete.", flush=True)
     sweep.note(search.config.output, search.overrides)
     same = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
+    search.folder.mkdir(parents=True, exist_ok=True)
     try:
-        problem = _launch(["-m", *search.overrides, same])
+        with locked(search.folder / "search.lock", f"another command that searches in {search.folder}"):
+            problem = _launch(["-m", *search.overrides, same])
     except TrialError as error:
         raise SweepError(str(error)) from None
     if problem:
@@ -149,25 +159,31 @@ def _stand(arguments: list[str]) -> None:
         )
     if not arguments:
         folders = sorted(path.parents[1] for path in Path("runs").rglob(sweep.NOTE))
-    lines = [sweep.noted(path) for path in folders] if folders or not arguments else [arguments]
     console = Console(width=None if sys.stdout.isatty() else 200, highlight=False)
-    for line in lines:
-        if search := Search.read(line):
-            config = search.config
-            console.print(
-                f"{config.title} ({config.output}): {search.num_complete} of {search.num_trials} trials complete"
-            )
-        else:
-            _show(Sweep.read(line), console)
-    if not lines:
+    if not arguments and not folders:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
+    elif not folders:
+        _show(arguments, console)
+    problems = []
+    for path in folders:
+        try:
+            _show(sweep.noted(path), console)
+        except (ConfigError, HydraException) as error:  # the others can be told
+            problems.append(f"{path}: {error}")
+    if problems:
+        raise ConfigError("\n".join(problems))
 
 
-def _show(asked: Sweep, console: Console) -> None:
-    """Print how a sweep stands, and what belongs to it."""
+def _show(line: list[str], console: Console) -> None:
+    """Print how a search stands, or a sweep and what belongs to it."""
+    if search := Search.read(line):
+        made = f"{search.num_complete} of {search.num_trials} trials complete"
+        console.print(f"{search.config.title} ({search.config.output}): {made}", markup=False)
+        return
+    asked = Sweep.read(line)
     for part in filter(None, (asked.growth(), asked)):
         found = status.settings(part)
-        console.print(f"{part.first.title} ({part.first.output}): {status.summary(found)}")
+        console.print(f"{part.first.title} ({part.first.output}): {status.summary(found)}", markup=False)
         console.print(status.table(found))
-        for line in status.failures(setting for setting in found if setting.state in ("failed", "damaged")):
-            console.print(line, markup=False)
+        for failure in status.failures(setting for setting in found if setting.state in ("failed", "damaged")):
+            console.print(failure, markup=False)

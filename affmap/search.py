@@ -11,10 +11,10 @@ from typing import NamedTuple
 from affmap.composing import check, compose, parse
 from affmap.config import Config
 from affmap.settings import ConfigError
+from hydra_plugins.hyperopt_sweeper._trials import TRIALS, read
 
-RESULTS, TRIALS = "results.csv", "trials.jsonl"
-"""Files of a search's folder, written by the sweeper: the table of a complete search, and, all the time, two lines of
-head and one for each trial."""
+AFTER_TRAINING = ("planner", "control", "lookup", "control_layout", "map_layout", "report")
+"""Groups that a training does not depend on."""
 
 
 class Search(NamedTuple):
@@ -50,12 +50,22 @@ class Search(NamedTuple):
             raise ConfigError(f"objective={config.objective} needs hydra.sweeper.direction={direction}.")
         searched = {each.key_or_group: str(each.input_line) for each in overrides if each.is_sweep_override()}
         spaces = {**settings.params, **searched}
+        groups = {key.partition(".")[0] for key in spaces}
+        if config.objective == "validation_nll" and groups and groups <= {*AFTER_TRAINING}:
+            raise ConfigError(
+                f"objective=validation_nll does not depend on {', '.join(spaces)}; search over something "
+                "of the training, or say objective=mean_distance or success."
+            )
         log_keys = frozenset(key for key, space in spaces.items() if "log" in space.partition("interval")[0])
         folder = Path(composed.hydra.sweep.dir)
         return cls([*fixed, *searched.values()], config, folder, settings.num_trials, log_keys)
 
     @property
     def num_complete(self) -> int:
-        """How many trials have been made."""
+        """How many trials have been made.
+
+        Raises:
+            SearchError: their file is damaged.
+        """
         path = self.folder / TRIALS
-        return max(0, len(path.read_bytes().splitlines()) - 2) if path.is_file() else 0
+        return len(read(path)[1]) if path.is_file() else 0

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from affmap.config import Config
+from affmap.stage import Stage
 from affmap.stages import stages
 from affmap.store import State
 from affmap.sweep import Sweep
@@ -51,13 +52,18 @@ class Setting(NamedTuple):
 
 
 def settings(asked: Sweep, check: bool = False) -> list[Setting]:
-    """How each job of a sweep stands; `check` looks at every file of what is complete."""
-    return [Setting(label, _parts(config, check)) for config, label in zip(asked.configs, asked.labels, strict=True)]
+    """How each job of a sweep stands; `check` looks at every file of what is complete, once though jobs share it."""
+    known: dict[str, Part] = {}
+    return [
+        Setting(label, tuple(_part(stage, config, check, known) for stage in stages(config)))
+        for config, label in zip(asked.configs, asked.labels, strict=True)
+    ]
 
 
-def _parts(config: Config, check: bool) -> tuple[Part, ...]:
-    store = config.open_store()
-    return tuple(Part(stage.name, stage.digest, store.state(stage, check)) for stage in stages(config))
+def _part(stage: Stage, config: Config, check: bool, known: dict[str, Part]) -> Part:
+    if stage.digest not in known:
+        known[stage.digest] = Part(stage.name, stage.digest, config.open_store().state(stage, check))
+    return known[stage.digest]
 
 
 def failures(found: Iterable[Setting]) -> list[str]:
@@ -70,13 +76,21 @@ def _failure(label: str, state: State) -> str:
     return f"{label}: {state.error or REASONS[state.name]}{log}"
 
 
+MAX_ROWS = 50
+"""Of a table that shows all settings; longer ones leave out those that are complete or missing."""
+
+
 def table(found: Sequence[Setting]) -> Table:
-    """One row a setting: its state, the stage that it is at, the time spent and left."""
+    """One row a setting: its state, the stage that it is at, the time spent and left.
+
+    Of many settings only those that are running, have stopped or failed.
+    """
     expected = _typical(found)
+    listed = [each for each in found if len(found) <= MAX_ROWS or each.state not in ("complete", "missing")]
     rows = Table("setting", "state", "stage", box=SIMPLE_HEAD, pad_edge=False)
     rows.add_column("spent", justify="right")
     rows.add_column("left", justify="right")
-    for setting in found:
+    for setting in listed:
         current = setting.current
         rows.add_row(
             setting.label,

@@ -7,6 +7,8 @@ only.
 import json
 import math
 from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +20,7 @@ from affmap.composing import check, compose, parse, reading, values
 from affmap.config import Config
 from affmap.errors import one_line
 from affmap.files import write_json
+from affmap.provenance import canonical
 from affmap.settings import ConfigError
 
 MAX_JOBS = 20_000
@@ -43,7 +46,9 @@ class Sweep(NamedTuple):
             ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right.
         """
         overrides = complete(arguments)
-        return cls(overrides, jobs(overrides), labels(overrides))
+        configs = jobs(overrides)
+        _check_members(configs)
+        return cls(overrides, configs, labels(overrides))
 
     @property
     def first(self) -> Config:
@@ -81,7 +86,9 @@ def noted(output: Path) -> list[str]:
     try:
         return TypeAdapter(list[str]).validate_python(json.loads(path.read_text("utf-8"))["overrides"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise ConfigError(f"{path} does not say what was run; give the overrides of the sweep instead.") from None
+        raise ConfigError(
+            f"{path} does not say what was run; give the overrides of the sweep instead, such as experiment=exp1."
+        ) from None
 
 
 def complete(overrides: Sequence[str]) -> list[str]:
@@ -131,6 +138,26 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
         values = " x ".join(f"{count} of {key}" for key, count in counts.items())
         raise ConfigError(f"the sweep has {number} jobs ({one_line(values)}); it should have 1 to {MAX_JOBS}.")
     return [check(job) for job in _split(parsed)]
+
+
+def _check_members(configs: Sequence[Config]) -> None:
+    """Refuse a member in two jobs of one setting: tables count each once.
+
+    Raises:
+        ConfigError: there is one.
+    """
+    jobs: dict[str, list[range]] = {}
+    for config in configs:
+        parts = [stage.config for stage in (config.map_stage, config.control_stage)]
+        rest = [{key: value for key, value in part.items() if key not in ("seed", "members")} for part in parts]
+        jobs.setdefault(canonical(rest), []).append(config.seeds)
+    for seeds in jobs.values():
+        for one, other in pairwise(sorted(seeds, key=attrgetter("start"))):
+            if other.start < one.stop:
+                raise ConfigError(
+                    f"member {other.start} would be in two jobs (seed={one.start} members={len(one)} and "
+                    f"seed={other.start} members={len(other)}); give each member to one, as members=5 seed=0,5,10 does."
+                )
 
 
 def labels(overrides: Sequence[str]) -> list[str]:

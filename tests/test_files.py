@@ -22,7 +22,7 @@ def test_a_file_is_the_old_one_until_it_is_the_new_one(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert path.read_text() == "first"
+    assert path.read_text() == "first" and [each.name for each in tmp_path.iterdir()] == ["file.txt"]
     with written(path) as place:
         place.write_text("third")
     assert path.read_text() == "third" and [each.name for each in tmp_path.iterdir()] == ["file.txt"]

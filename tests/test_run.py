@@ -396,7 +396,7 @@ def test_one_factor_at_a_time(
     several = [*line(swept), *overrides, "planner.num_iterations=2,3", "report.compare=control.beta"]
     assert in_process(monkeypatch, "affmap-report", several) == 2
     assert "but planner.num_iterations differ, too; sweep over one key at a time" in capsys.readouterr().err
-    (tmp_path / "beta/provenance.json").write_text('{"stages": []}')
+    (tmp_path / "beta/provenance.json").write_text('{"code": "", "files": {}, "stages": []}')
     again = [*line(swept), *overrides, "report.compare=control.beta"]
     assert in_process(monkeypatch, "affmap-report", again) == 2
     assert "holds a report; say output=runs/<name> for a comparison" in capsys.readouterr().err
@@ -434,7 +434,9 @@ def test_publishing_keeps_report_and_models(
     assert in_process(monkeypatch, "affmap-publish", arguments) == 2
     assert "holds no report of these results" in capsys.readouterr().err and not kept.exists()
     used = {stage.digest for config in jobs(swept, *SWEEP) for stage in stages.stages(config)}
-    (output / "provenance.json").write_text(json.dumps({"stages": [{"digest": digest} for digest in used]}))
+    (output / "provenance.json").write_text(
+        json.dumps({"code": "", "files": {}, "stages": [{"digest": digest} for digest in used]})
+    )
     for _ in range(2):  # the second time replaces the first
         assert in_process(monkeypatch, "affmap-publish", arguments) == 0
     capsys.readouterr()
@@ -459,7 +461,7 @@ def test_a_report_of_other_results_is_not_replaced(
     """By hand: the provenance of a report names one stage that is not of this sweep; nothing is run or drawn."""
     output = swept / "taken"
     output.mkdir()
-    (output / "provenance.json").write_text(json.dumps({"stages": [{"digest": "another"}]}))
+    (output / "provenance.json").write_text(json.dumps({"code": "", "files": {}, "stages": [{"digest": "another"}]}))
     for entry in ("affmap", "affmap-report"):
         assert in_process(monkeypatch, entry, [*line(swept, *SWEEP), f"output={output}"]) == 2
         assert "holds the report of other results" in capsys.readouterr().err
@@ -519,3 +521,11 @@ def test_hydra_s_own_flags(
     assert in_process(monkeypatch, "affmap", arguments) == 0
     assert told in capsys.readouterr().out
     assert not list(tmp_path.iterdir())
+
+
+def test_a_configuration_that_cannot_be_run_is_not_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert in_process(monkeypatch, "affmap", ["members=-1", "--cfg", "job"]) == 2
+    captured = capsys.readouterr()
+    assert "members = -1 is not allowed" in captured.err and captured.out == ""

@@ -203,7 +203,7 @@ def test_records_that_are_none(tmp_path: Path, text: str) -> None:
     path = tmp_path / "provenance.json"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
     told(lambda: Results((job(tmp_path),)).provenance, str(path))
-    told(lambda: provenance.digests(path), str(path))
+    told(lambda: provenance.digests(tmp_path), str(path))
 
 
 @pytest.mark.parametrize("text", ["", "\0", '"', "a,b\n1,2,3\n4,5,6,7,8\n", "=cmd|'/C calc'!A0"])

@@ -63,7 +63,13 @@ def test_a_search_ends_with_a_report(
     capsys.readouterr()
     assert in_process(monkeypatch, "affmap-report", arguments) == 0
     assert "The values in use, trial 0, come in place" in capsys.readouterr().out
-    assert {path.name for path in (tmp_path / "output").rglob("search.*")} == {"search.md", "search.png", "search.pdf"}
+    names = {path.name for path in (tmp_path / "output").rglob("search.*")}
+    assert names == {"search.md", "search.png", "search.pdf", "search.lock"}
+    assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 0
+    assert "4 trials and the report in" in capsys.readouterr().out
+    (tmp_path / "output/figures/search.png").write_bytes(b"")
+    assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 1
+    assert "search.png is not as it was written" in capsys.readouterr().err
 
 
 def test_trials_of_a_stack_are_the_trials_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,6 +145,7 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
         (["search=training", "training.vision_lr=tag(log,interval(0.0,2.0))"], "training.vision_lr"),
         (["search=training", "members=0"], "members = 0 is not allowed"),
         (["search=mars"], "mars"),
+        (["search=cem", "objective=validation_nll"], "objective=validation_nll does not depend on planner.horizon, "),
     ],
 )
 def test_a_mistake_is_told(

@@ -1,12 +1,13 @@
 """How a sweep stands: against states made by hand, and against real sweeps in which a job fails."""
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 from commands import command, in_process, line
 
-from affmap import status
+from affmap import status, sweep
 from affmap.status import Part, Setting
 from affmap.store import State
 from affmap.sweep import Sweep
@@ -119,6 +120,31 @@ def test_the_status_of_a_folder_is_that_of_its_sweep(
         assert "2 of 3 settings complete, 1 failed; 0:" in captured.out and captured.err == ""
     (failing / "runs").unlink()
     assert sorted(failing.rglob("*")) == before
+
+
+def test_a_sweep_that_cannot_be_read_does_not_hide_the_others(
+    failing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A key was renamed since; trials were edited: each is named, and what can be told is."""
+    older, edited = failing / "older", failing / "edited"
+    sweep.note(older, ["training.old_name=3"])
+    sweep.note(edited, [*line(failing), "search=cem", f"output={edited}"])
+    (edited / "jobs/trials.jsonl").write_text("[]\n")
+    folders = [str(folder) for folder in (older, edited, failing / "output")]
+    assert in_process(monkeypatch, "affmap-status", folders) == 2
+    captured = capsys.readouterr()
+    assert f"{older}: " in captured.err and "old_name" in captured.err
+    assert f"{edited / 'jobs/trials.jsonl'} is damaged" in captured.err
+    assert "2 of 3 settings complete, 1 failed" in captured.out
+    shutil.rmtree(older)
+    shutil.rmtree(edited)
+
+
+def test_of_many_settings_only_those_are_listed_that_need_a_look() -> None:
+    """59 complete ones, one that failed."""
+    many = [Setting(f"seed={seed}", FOUND[0].parts) for seed in range(59)]
+    assert [row[:2] for row in cells([*many, FOUND[3]])] == [("size=3", "failed")]
+    assert len(cells(many[:50])) == 50
 
 
 @pytest.mark.parametrize(

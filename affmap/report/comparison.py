@@ -5,28 +5,26 @@ of their difference lies within a margin set beforehand, as *different* when it 
 margin; else nothing is decided.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from affmap.provenance import PROVENANCE
-from affmap.report import figures, statistics
+from affmap.report import figures, provenance, sealed, statistics
 from affmap.report.metrics import METRICS
 from affmap.report.provenance import differences, leaves
 from affmap.report.records import PLANNERS, Job
 from affmap.report.statistics import Verdict
-from affmap.report.tables import Results, read_runs, score_matrix, write_csv, write_runs
+from affmap.report.tables import Results, read_provenance, read_runs, score_matrix, write_csv, write_runs
 from affmap.report.text import NOTHING, number
 from affmap.settings import ConfigError
 
 COMPARED = ("validation_nll", "prediction_error", "mean_distance", "reached", "success")
 """Metrics; the loss is that of a run's model."""
 
-RECORD = "comparison.json"
-"""File of a comparison's folder: the key, and the control stages that it was made of."""
+KEY = "compare"
+"""What tells the provenance of a comparison from that of a report: the compared key."""
 
 WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
 """What the verdict on being the same is called here."""
@@ -35,37 +33,46 @@ COLUMNS = {"planner": "planner.kind", "layout": "control_layout", "context_size"
 """Column of the runs that tells settings apart -> the key of the configuration that it comes from."""
 
 
-def write(output: Path, jobs: Sequence[Job], key: str, notice: str | None) -> Path:
-    """Write `tables/runs.csv`, `tables/<key>.csv` and `.md`, `figures/<key>.png` and `.pdf`, and `comparison.json`.
+def write(
+    output: Path, jobs: Sequence[Job], key: str, *, name: str, title: str, command: str, notice: str | None
+) -> Path:
+    """Write `tables/runs.csv`, `tables/<key>.csv` and `.md`, `figures/<key>.png` and `.pdf`, and `provenance.json`.
 
     Args:
         output: folder of the comparison; made where it is missing.
         jobs: completed settings.
         key: what to compare, a dotted key of the configuration; in names of files and columns its dots are underscores.
+        name: of the experiment.
+        title: heads the page.
+        command: what a reader types to get this comparison.
         notice: a warning to the reader that heads Markdown and figure, or None.
 
     Returns:
-        The path of the Markdown.
+        The path of the Markdown. Where it is there already, made from the same stages by the same code, nothing is
+        done.
 
     Raises:
         ConfigError: a job has no such key, all have the same value, other keys differ as well, or there is a report.
     """
-    if (output / PROVENANCE).is_file():
+    if KEY not in (sealed.read(output) or {KEY: key}):
         raise ConfigError(f"{output} holds a report; say output=runs/<name> for a comparison.")
     _check(jobs, key)
-    name = key.replace(".", "_")
-    runs = pd.concat([_with_loss(job).assign(**{name: value_of(job, key)}) for job in jobs], ignore_index=True)
-    table = compare(runs, key)
-    output.mkdir(parents=True, exist_ok=True)
-    (output / RECORD).write_text(_record(jobs, key), "utf-8", newline="\n")
+    factor = key.replace(".", "_")
     folder = output / "tables"
+    path = folder / f"{factor}.md"
+    told = {"name": name, "title": title, "notice": notice, "report": command}
+    record = {KEY: key, **told, **provenance.summarize(jobs, read_provenance(jobs))}
+    if sealed.is_sealed(output, record):
+        return path
+    runs = pd.concat([_with_loss(job).assign(**{factor: value_of(job, key)}) for job in jobs], ignore_index=True)
+    table = compare(runs, key)
     folder.mkdir(parents=True, exist_ok=True)
-    write_runs(folder, runs)
-    write_csv(folder / f"{name}.csv", table)
-    figures.draw_differences(table, runs, key, output / "figures" / name, notice)
-    path = folder / f"{name}.md"
+    write_runs(folder, name, runs)
+    write_csv(folder / f"{factor}.csv", table)
+    figures.draw_differences(table, runs, key, output / "figures" / factor, notice)
     heading = f"**{notice}**\n\n" if notice else ""
-    path.write_text(heading + markdown(table, key), "utf-8", newline="\n")
+    path.write_text(f"# {title}\n\n{heading}`{command}`\n\n{markdown(table, key)}", "utf-8", newline="\n")
+    sealed.seal(output, record)
     return path
 
 
@@ -75,14 +82,9 @@ def check(output: Path, jobs: Sequence[Job], key: str) -> None:
     Raises:
         ConfigError: it is not, or there is none.
     """
-    path = output / RECORD
-    if not path.is_file() or path.read_text("utf-8") != _record(jobs, key):
+    made = {record["digest"] for record in read_provenance(jobs).values()}
+    if sealed.read(output).get(KEY) != key or provenance.digests(output) != made:
         raise ConfigError(f"{output} holds no comparison of these results; run affmap-report for them first.")
-
-
-def _record(jobs: Sequence[Job], key: str) -> str:
-    stages = [folder.name for job in jobs for folder in job.control]
-    return json.dumps({"compare": key, "control": stages}, indent=1) + "\n"
 
 
 def _with_loss(job: Job) -> pd.DataFrame:

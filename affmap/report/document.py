@@ -3,14 +3,10 @@
 The same stages give the same bytes. `deviations.md` says what differs from the paper; it knows no result.
 """
 
-import hashlib
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from affmap.provenance import PROVENANCE
-from affmap.reading import reading
 from affmap.report import blocks, captions, claims, comparison, content, figures, provenance, rendering, sealed
 from affmap.report.claims import Score
 from affmap.report.groups import make_groups
@@ -18,11 +14,16 @@ from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv, write_runs
 from affmap.settings import ConfigError
 
-HERE = Path(__file__).parent
-
 
 def write(
-    output: Path, results: Results, settings: ReportSettings, *, title: str, command: str, notice: str | None
+    output: Path,
+    results: Results,
+    settings: ReportSettings,
+    *,
+    name: str,
+    title: str,
+    command: str,
+    notice: str | None,
 ) -> Path:
     """Write the report about an experiment.
 
@@ -31,6 +32,7 @@ def write(
             missing.
         results: the completed stages.
         settings: what is to be shown and tested.
+        name: of the experiment.
         title: heads the document.
         command: what a reader types to get this report.
         notice: warning to the reader, put on every figure and page, such as that of a smoke run; or None.
@@ -41,22 +43,22 @@ def write(
     Raises:
         ConfigError: there are several planners and several layouts, or the folder holds a comparison.
     """
-    if (output / comparison.RECORD).is_file():
+    if comparison.KEY in sealed.read(output):
         raise ConfigError(f"{output} holds a comparison; say output=runs/<name> for a report.")
     make_groups(results, settings)  # refuses what cannot be told apart, before anything is written
     record = {
+        "name": name,
         "title": title,
         "notice": notice,
         "report": command,
-        "code": code(),
         "settings": {name: getattr(settings, name) for name in sorted(ReportSettings.model_fields)},
-        **provenance.summarize(results),
+        **provenance.summarize(results.jobs, results.provenance),
     }
     path = output / "report.pdf"
     if sealed.is_sealed(output, record):
         return path
     scores = claims.score(results, settings.claims)
-    _write_tables(output / "tables", results, scores, settings)
+    _write_tables(output / "tables", name, results, scores, settings)
     drawn = figures.draw_all(results, settings, output / "figures", notice)
     data = {
         "title": title,
@@ -74,27 +76,13 @@ def check(output: Path, results: Results) -> None:
     Raises:
         ConfigError: it is not, or there is none.
     """
-    path, digests = output / PROVENANCE, {record["digest"] for record in results.provenance.values()}
-    if not path.is_file() or provenance.digests(path) != digests:
+    if provenance.digests(output) != {record["digest"] for record in results.provenance.values()}:
         raise ConfigError(f"{output} holds no report of these results; run affmap-report for them first.")
-
-
-def code_of(output: Path) -> str:
-    """The digest of the code that has made the report in a folder."""
-    path = output / PROVENANCE
-    with reading(path):
-        return str(json.loads(path.read_text("utf-8"))["code"])
-
-
-def code() -> str:
-    """A digest of this package's own files."""
-    files = sorted(path for path in HERE.rglob("*") if path.suffix in (".py", ".typ", ".jinja", ".md"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
 
 
 def deviations(reports: Sequence[Results]) -> blocks.Block:
     """What differs from the paper in what was run, and why."""
-    return blocks.points(provenance.fill((HERE / "deviations.md").read_text("utf-8"), reports))
+    return blocks.points(provenance.fill((sealed.HERE / "deviations.md").read_text("utf-8"), reports))
 
 
 def write_text(path: Path, text: str) -> None:
@@ -102,9 +90,9 @@ def write_text(path: Path, text: str) -> None:
     path.write_text(text, "utf-8", newline="\n")
 
 
-def _write_tables(folder: Path, results: Results, scores: Sequence[Score], settings: ReportSettings) -> None:
+def _write_tables(folder: Path, name: str, results: Results, scores: Sequence[Score], settings: ReportSettings) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    write_runs(folder, results.runs)
+    write_runs(folder, name, results.runs)
     write_csv(folder / "validation.csv", results.validation)
     write_csv(folder / "medians.csv", claims.medians(results, settings))
     if scores:

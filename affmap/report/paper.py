@@ -13,7 +13,7 @@ import pandas as pd
 from affmap.report import blocks, captions, claims, content, provenance, rendering, sealed, sentences
 from affmap.report.blocks import Block
 from affmap.report.claims import Score
-from affmap.report.document import HERE, check, code, deviations, write_text
+from affmap.report.document import check, deviations, write_text
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results, write_csv
 from affmap.report.text import NOTHING, number, p_value, points
@@ -73,11 +73,11 @@ def _record(parts: Sequence[Part], command: str, notice: str | None) -> dict[str
             "title": part.title,
             "missing": part.missing,
             "settings": {name: getattr(part.settings, name) for name in sorted(ReportSettings.model_fields)},
-            **provenance.summarize(part.results),
+            **provenance.summarize(part.results.jobs, part.results.provenance),
         }
         for part in parts
     }
-    return {"title": TITLE, "notice": notice, "report": command, "code": code(), "experiments": experiments}
+    return {"title": TITLE, "notice": notice, "report": command, "experiments": experiments}
 
 
 def _write_tables(folder: Path, parts: Sequence[Part], scores: Sequence[Sequence[Score]]) -> None:
@@ -138,7 +138,7 @@ def _blocks(
         blocks.heading("Where this differs from the paper, and why"),
         deviations([part.results for part in parts]),
         blocks.heading("What did not reproduce in the reference run, and why"),
-        blocks.points(points((HERE / "causes.md").read_text("utf-8"))),
+        blocks.points(points((sealed.HERE / "causes.md").read_text("utf-8"))),
         blocks.heading("Provenance"),
         content.origins(list(record["experiments"].values()), record["report"]),
         blocks.paragraph("Every stage is listed in the experiments' own reports, and in provenance.json."),

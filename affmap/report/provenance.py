@@ -1,14 +1,15 @@
 """Where the results come from, and what they cost: the stages' own provenance, once each, without what they repeat."""
 
-import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from affmap.effects import EFFECTS
+from affmap.provenance import PROVENANCE
 from affmap.reading import reading
-from affmap.report.records import STAGES
+from affmap.report import sealed
+from affmap.report.records import STAGES, Job
 from affmap.report.tables import Results
 from affmap.report.text import NOTHING, points
 
@@ -26,14 +27,23 @@ class Cost(NamedTuple):
     seconds: float
 
 
-def digests(path: Path) -> set[str]:
-    """Of the stages that the report with the provenance at `path` was made of."""
-    with reading(path):
-        return {stage["digest"] for stage in json.loads(path.read_text("utf-8"))["stages"]}
+def digests(output: Path) -> set[str]:
+    """Of the stages that the report in a folder was made of; of none if there is none, or one of a search.
+
+    Raises:
+        ConfigError: its provenance is damaged.
+    """
+    record = sealed.read(output)
+    with reading(output / PROVENANCE):
+        return {stage["digest"] for stage in record.get("stages", ())}
 
 
-def summarize(results: Results) -> dict[str, Any]:
+def summarize(jobs: Sequence[Job], records: Mapping[Path, dict[str, Any]]) -> dict[str, Any]:
     """Everything `provenance.json` says about the stages.
+
+    Args:
+        jobs: the settings.
+        records: stage folder -> its own provenance, of the jobs and of what belongs to them.
 
     Returns:
         `seconds` (all stages together) and `peak_memory_mib` (of the largest process); the distinct values of
@@ -41,7 +51,6 @@ def summarize(results: Results) -> dict[str, Any]:
         `stages`, one entry per folder with the leaves in which its configuration `differs` from that one; and `jobs`,
         the digests of each setting's stages.
     """
-    records = results.provenance
     configs: dict[str, dict[str, Any]] = {}
     stages: list[dict[str, Any]] = []
     for record in records.values():
@@ -49,10 +58,10 @@ def summarize(results: Results) -> dict[str, Any]:
         base = configs.setdefault(record["stage"], config)
         entry = {key: record.get(key) for key in ("stage", "digest", "started", "seconds", "peak_memory_mib")}
         stages.append({**entry, "differs": differences(config, base)})
-    jobs = [
+    settings = [
         {"context_size": job.context_size, "planner": job.planner, "layout": job.layout}
         | {stage: [records[folder]["digest"] for folder in getattr(job, stage)] for stage in STAGES}
-        for job in results.jobs
+        for job in jobs
     ]
     return {
         "seconds": sum(stage["seconds"] or 0.0 for stage in stages),
@@ -60,7 +69,7 @@ def summarize(results: Results) -> dict[str, Any]:
         **{key: distinct([record.get(key) for record in records.values()]) for key in _SHARED},
         "configs": configs,
         "stages": stages,
-        "jobs": jobs,
+        "jobs": settings,
     }
 
 

@@ -1,5 +1,6 @@
-"""The folder of a report: its `provenance.json` says what it was made of, and lists the digests of its files."""
+"""The folder of a report: its `provenance.json` says what it was made of, by which code, with digests of its files."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -13,33 +14,52 @@ from affmap.reading import reading
 PARTS = ("report.pdf", "report.html", "figures", "tables")
 """What a report is made of, beside its provenance."""
 
+HERE = Path(__file__).parent
+
 
 def seal(folder: Path, record: Mapping[str, Any]) -> None:
     """Write the provenance of a report whose other files are complete; what is there when this is there is whole."""
-    _write(folder, {**record, "files": _digests(folder)})
+    _write(folder, _complete(folder, record))
 
 
 def is_sealed(folder: Path, record: Mapping[str, Any]) -> bool:
-    """Whether a folder holds the report of a record, and every file is as it was written."""
+    """Whether a folder holds the report of a record by this code, and every file is as it was written."""
     path = folder / PROVENANCE
-    return path.is_file() and _text({**record, "files": _digests(folder)}) == path.read_text("utf-8")
+    return path.is_file() and _text(_complete(folder, record)) == path.read_text("utf-8")
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """The provenance of the report in a folder; empty where there is no report.
+
+    Raises:
+        ConfigError: it is damaged.
+    """
+    path = folder / PROVENANCE
+    if not path.is_file():
+        return {}
+    with reading(path):
+        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        record["code"], record["files"].items()
+    return record
 
 
 def problems(folder: Path) -> list[str]:
-    """What is wrong with the files of a report, a sentence each.
+    """What is wrong with a report, a sentence each.
 
     Raises:
-        ConfigError: there is no readable provenance.
+        ConfigError: its provenance is damaged.
     """
-    path = folder / PROVENANCE
-    with reading(path):
-        files: dict[str, str] = json.loads(path.read_text("utf-8"))["files"]
+    record = read(folder)
+    if not record:
+        return [f"{folder} holds no report."]
     found = []
-    for name, digest in files.items():
+    for name, digest in record["files"].items():
         if not (folder / name).is_file():
             found.append(f"{folder / name} is missing.")
         elif sha256(folder / name) != digest:
             found.append(f"{folder / name} is not as it was written.")
+    if record["code"] != code():
+        found.append(f"{folder} was made by another version of the report's code; affmap-report makes it anew.")
     return found
 
 
@@ -50,11 +70,19 @@ def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
     shutil.copytree(folder, new, ignore=shutil.ignore_patterns("jobs", *without))
     for path in folder.glob("*.pdf"):
         shutil.copy(path, new)
-    path = new / PROVENANCE
-    if path.is_file():  # else it is of a comparison or a search
-        _write(new, {**json.loads(path.read_text("utf-8")), "files": _digests(new)})
+    _write(new, {**read(folder), "files": _digests(new)})
     shutil.rmtree(target, ignore_errors=True)
     new.replace(target)
+
+
+def code() -> str:
+    """A digest of this package's own files."""
+    files = sorted(path for path in HERE.rglob("*") if path.suffix in (".py", ".typ", ".jinja", ".md"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
+
+
+def _complete(folder: Path, record: Mapping[str, Any]) -> dict[str, Any]:
+    return {**record, "code": code(), "files": _digests(folder)}
 
 
 def _digests(folder: Path) -> dict[str, str]:

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.files import sha256
-from affmap.report import figures
+from affmap.report import figures, sealed
 from affmap.report.metrics import METRICS
 from affmap.report.tables import write_csv
 from affmap.report.text import number
@@ -18,6 +18,9 @@ from affmap.settings import ConfigError
 
 FIXED = ("trial", "status", "result", "batch_seconds")
 """Columns that are no keys."""
+
+TRIALS = "trials"
+"""What tells the provenance of a search from that of a report: the digest of the table of trials."""
 
 SHOWN = 10
 """Rows of the table of the best."""
@@ -30,8 +33,8 @@ def read(path: Path) -> pd.DataFrame:
         ConfigError: it is not there, or something else.
     """
     try:
-        table = pd.read_csv(path)
-    except (OSError, ValueError):
+        table = pd.read_csv(path).astype({"trial": int, "result": float})
+    except (OSError, ValueError, KeyError):
         raise ConfigError(f"{path} holds no trials; run `affmap` with the same arguments first.") from None
     if list(table.columns[: len(FIXED)]) != list(FIXED) or not (table["status"] == "ok").any():
         raise ConfigError(f"{path} holds no complete trials; run `affmap` with the same arguments first.")
@@ -45,11 +48,12 @@ def write(
     *,
     in_use: Mapping[str, Any],
     log_keys: Collection[str],
+    origin: Mapping[str, Any],
     title: str,
     command: str,
     notice: str | None,
 ) -> Path:
-    """Write `tables/trials.csv` and `tables/search.md`, `figures/search.png` and `.pdf`.
+    """Write `tables/trials.csv` and `tables/search.md`, `figures/search.png` and `.pdf`, and `provenance.json`.
 
     Args:
         output: folder of the report; made where it is missing.
@@ -57,6 +61,7 @@ def write(
         objective: the metric that the search is for; `success` is the better the larger, others the smaller.
         in_use: values of the configuration by dotted key, to be found among the trials.
         log_keys: keys that were searched on a logarithmic scale.
+        origin: what else to say of where the trials come from.
         title: heads the page.
         command: what a reader types to get this search.
         notice: a warning to the reader, or None.
@@ -78,13 +83,14 @@ def write(
     heading = f"**{notice}**\n\n" if notice else ""
     page = folder / "search.md"
     page.write_text(f"# {title}\n\n{heading}`{command}`\n\n{text}", "utf-8", newline="\n")
+    record = {"title": title, "notice": notice, "report": command, "objective": objective, **origin}
+    sealed.seal(output, {**record, TRIALS: sha256(path)})
     return page
 
 
 def is_written(output: Path, path: Path) -> bool:
     """Whether a folder has the report of the trials in a table."""
-    kept = output / "tables" / "trials.csv"
-    return kept.is_file() and path.is_file() and sha256(kept) == sha256(path)
+    return path.is_file() and sealed.read(output).get(TRIALS) == sha256(path)
 
 
 def ranked(table: pd.DataFrame, objective: str) -> pd.DataFrame:

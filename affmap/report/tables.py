@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -169,38 +169,31 @@ class Results:
     @cached_property
     def provenance(self) -> dict[Path, dict[str, Any]]:
         """Stage folder -> what it says about its origin; in the order of the stages."""
-        jobs = [*self.jobs, *([self.growth] if self.growth else [])]
-        folders = dict.fromkeys(folder for stage in STAGES for job in jobs for folder in getattr(job, stage))
-        return {folder: _read_provenance(folder / PROVENANCE) for folder in folders}
+        return read_provenance([*self.jobs, *([self.growth] if self.growth else [])])
 
 
 def join(jobs: Sequence[Job]) -> tuple[Job, ...]:
-    """Put those jobs together that are one setting, whose members were divided among them.
-
-    Raises:
-        ConfigError: a member is in two of them.
-    """
-    settings: dict[str, list[tuple[range, Job]]] = {}
+    """Put those jobs together that are one setting, whose members were divided among them; none is in two of them."""
+    settings: dict[str, list[tuple[int, Job]]] = {}
     for job in jobs:
         configs = [_read_provenance(folder / PROVENANCE)["config"] for folder in (*job.map, *job.control)]
         rest = [{key: value for key, value in config.items() if key not in ("seed", "members")} for config in configs]
-        seed, members = configs[-1]["seed"], configs[-1]["members"]
-        settings.setdefault(canonical(rest), []).append((range(seed, seed + members), job))
+        settings.setdefault(canonical(rest), []).append((configs[-1]["seed"], job))
     return tuple(_joined(parts) for parts in settings.values())
 
 
-def _joined(parts: Sequence[tuple[range, Job]]) -> Job:
-    ordered = sorted(parts, key=lambda part: part[0].start)
-    for (members, _), (others, _) in pairwise(ordered):
-        if others.start < members.stop:
-            raise ConfigError(
-                f"member {others.start} is in two jobs (seed={members.start} members={len(members)} and "
-                f"seed={others.start} members={len(others)}); a report counts each member once."
-            )
-    first = ordered[0][1]
+def _joined(parts: Sequence[tuple[int, Job]]) -> Job:
+    ordered = [job for _, job in sorted(parts, key=itemgetter(0))]
+    first = ordered[0]
     # Parts share the data.
-    folders = [tuple(dict.fromkeys(folder for _, job in ordered for folder in getattr(job, stage))) for stage in STAGES]
+    folders = [tuple(dict.fromkeys(folder for job in ordered for folder in getattr(job, stage))) for stage in STAGES]
     return Job(first.context_size, first.planner, first.layout, *folders)
+
+
+def read_provenance(jobs: Sequence[Job]) -> dict[Path, dict[str, Any]]:
+    """Stage folder -> what it says about its origin; in the order of the stages."""
+    folders = dict.fromkeys(folder for stage in STAGES for job in jobs for folder in getattr(job, stage))
+    return {folder: _read_provenance(folder / PROVENANCE) for folder in folders}
 
 
 def read_runs(job: Job) -> pd.DataFrame:
@@ -229,10 +222,10 @@ def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("co
     return means.unstack(list(columns)).sort_index(axis=1)
 
 
-def write_runs(folder: Path, runs: pd.DataFrame) -> None:
-    """Write `runs.csv` into `folder`, with the name of the experiment's folder as its first column."""
+def write_runs(folder: Path, experiment: str, runs: pd.DataFrame) -> None:
+    """Write `runs.csv` into `folder`, with the name of the experiment as its first column."""
     runs = runs.copy()
-    runs.insert(0, "experiment", folder.parent.name)
+    runs.insert(0, "experiment", experiment)
     write_csv(folder / "runs.csv", runs)
 
 

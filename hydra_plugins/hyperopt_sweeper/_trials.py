@@ -22,6 +22,8 @@ TRIALS = "trials.jsonl"
 RESULTS = "results.csv"
 BEST = "optimization_results.yaml"
 
+_REMEDY = "remove that file, or choose another folder with hydra.sweep.dir"
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -58,20 +60,29 @@ def load(path: Path, search: Mapping[str, Any]) -> list[Trial]:
     """
     if not path.exists():
         return []
-    remedy = "remove that file, or choose another folder with hydra.sweep.dir"
-    try:
-        head, _, body = path.read_bytes().partition(b"\n")
-        if json.loads(head) != {"sha256": hashlib.sha256(body).hexdigest()}:
-            raise ValueError("another digest")
-        found, *trials = map(json.loads, body.splitlines())
-    except ValueError:
-        raise SearchError(f"{path} is damaged: it was cut off or edited; put it back as it was, {remedy}.") from None
+    found, trials = read(path)
     asked = json.loads(json.dumps(search))
     if found != asked:
         differing = sorted(key for key in found.keys() | asked.keys() if found.get(key) != asked.get(key))
         told = "; ".join(f"{key} was {_brief(found.get(key))} and is now {_brief(asked.get(key))}" for key in differing)
-        raise SearchError(f"{path} belongs to another search: {told}; {remedy}.")
-    return [Trial(**trial) for trial in trials]
+        raise SearchError(f"{path} belongs to another search: {told}; {_REMEDY}.")
+    return trials
+
+
+def read(path: Path) -> tuple[dict[str, Any], list[Trial]]:
+    """The search that a file's trials belong to, and the trials.
+
+    Raises:
+        SearchError: the file is damaged.
+    """
+    try:
+        head, _, body = path.read_bytes().partition(b"\n")
+        if json.loads(head) != {"sha256": hashlib.sha256(body).hexdigest()}:
+            raise ValueError("another digest")
+        search, *trials = map(json.loads, body.splitlines())
+        return dict(search), [Trial(**trial) for trial in trials]
+    except (ValueError, TypeError):
+        raise SearchError(f"{path} is damaged: it was cut off or edited; put it back as it was, {_REMEDY}.") from None
 
 
 def save(path: Path, search: Mapping[str, Any], trials: Sequence[Trial]) -> None:

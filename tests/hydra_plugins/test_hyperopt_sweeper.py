@@ -271,7 +271,7 @@ def command(folder: Path, *arguments: str, **environment: str) -> subprocess.Com
     return subprocess.run(
         [sys.executable, "app.py", "-m", "hydra/sweeper=hyperopt", "+x=interval(-2,2)", *SIX, *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": root, **environment},
+        env={**os.environ, "HYDRA_FULL_ERROR": "0", "PYTHONPATH": root, **environment},
         capture_output=True,
         text=True,
     )

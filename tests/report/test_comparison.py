@@ -9,13 +9,14 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from affmap.report import comparison, contrasts, document
+from affmap.report import comparison, contrasts, document, sealed
 from affmap.report.records import Job
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results
 from affmap.settings import ConfigError
 
 KEY = "lookup.spacing"
+TOLD = {"name": "mine", "title": "Mine", "command": "affmap mine=1"}
 
 
 def runs(shift: float, members: int = 8) -> pd.DataFrame:
@@ -148,15 +149,21 @@ def test_any_key_of_the_configuration_can_be_compared(
 ) -> None:
     """Names and numbers; by construction the world of two obstacles has distances 0.1 u larger than the original."""
     jobs = write_stages(tmp_path / "stages", (0, 8), members=6, epochs=1, steps=10, experiment="exp2")
-    path = comparison.write(tmp_path / "out", jobs, key, "NOTICE")
+    path = comparison.write(tmp_path / "out", jobs, key, **TOLD, notice="NOTICE")
     name = key.replace(".", "_")
-    assert path == tmp_path / "out" / "tables" / f"{name}.md" and path.read_text("utf-8").startswith("**NOTICE**")
+    assert path == tmp_path / "out" / "tables" / f"{name}.md" and path.read_text("utf-8").startswith(
+        "# Mine\n\n**NOTICE**\n\n`affmap mine=1`\n"
+    )
+    assert sealed.problems(tmp_path / "out") == []
+    written = {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*")}
+    comparison.write(tmp_path / "out", jobs, key, **TOLD, notice="NOTICE")
+    assert {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*")} == written
     comparison.check(tmp_path / "out", jobs, key)
     with pytest.raises(ConfigError, match="holds no comparison of these results"):
         comparison.check(tmp_path / "out", jobs[1:], key)
     plain = ReportSettings.load("report", "default")
     with pytest.raises(ConfigError, match="holds a comparison; say output="):  # a report would replace its tables
-        document.write(tmp_path / "out", Results(tuple(jobs)), plain, title="", command="", notice=None)
+        document.write(tmp_path / "out", Results(tuple(jobs)), plain, **TOLD, notice=None)
     assert {file.name for file in (tmp_path / "out" / "figures").iterdir()} == {f"{name}.png", f"{name}.pdf"}
     table = pd.read_csv(tmp_path / "out" / "tables" / f"{name}.csv")
     assert set(table["a"]) == {values[0]} and list(dict.fromkeys(table["b"])) == values[1:]
@@ -177,4 +184,4 @@ def test_any_key_of_the_configuration_can_be_compared(
 def test_a_key_that_runs_do_not_have_is_refused(write_stages: Callable[..., list[Job]], tmp_path: Path) -> None:
     jobs = write_stages(tmp_path, (0,), planners=("cem",), members=2, epochs=1, steps=10)
     with pytest.raises(ValueError, match=r"'lookup_spacing', which runs of control do not depend on"):
-        comparison.write(tmp_path / "out", jobs, "lookup_spacing", None)
+        comparison.write(tmp_path / "out", jobs, "lookup_spacing", **TOLD, notice=None)

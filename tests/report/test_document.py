@@ -60,7 +60,8 @@ def results(
 
 
 def write(output: Path, results: Results, experiment: str, notice: str | None = NOTICE) -> Path:
-    return document.write(output, results, settings(experiment), title=experiment, command=COMMAND, notice=notice)
+    told = {"name": experiment, "title": experiment, "command": COMMAND}
+    return document.write(output, results, settings(experiment), **told, notice=notice)
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +190,7 @@ def test_a_complete_report_is_left_alone(results: dict[str, Results], tmp_path: 
     write(tmp_path, few, "exp1")
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before
     renamed = settings("exp1").model_copy(update={"names": {"cem": "CEM"}})
-    document.write(tmp_path, few, renamed, title="exp1", command=COMMAND, notice=NOTICE)
+    document.write(tmp_path, few, renamed, name="exp1", title="exp1", command=COMMAND, notice=NOTICE)
     assert json.loads((tmp_path / "provenance.json").read_text("utf-8"))["settings"]["names"] == {"cem": "CEM"}
 
 
@@ -206,6 +207,9 @@ def test_a_damaged_report_is_told_and_made_anew(results: dict[str, Results], tmp
     assert sealed.problems(tmp_path) == [f"{figure} is missing.", f"{table} is not as it was written."]
     write(tmp_path, few, "exp1")
     assert table.read_bytes() == content and figure.is_file() and sealed.problems(tmp_path) == []
+    record = tmp_path / "provenance.json"
+    record.write_text(record.read_text("utf-8").replace(sealed.code(), "0123456789abcdef"), "utf-8")
+    assert "was made by another version of the report's code" in sealed.problems(tmp_path)[0]
 
 
 def test_a_copy_of_a_report_is_whole_without_what_it_lacks(results: dict[str, Results], tmp_path: Path) -> None:
@@ -223,7 +227,9 @@ def test_a_copy_of_a_report_is_whole_without_what_it_lacks(results: dict[str, Re
 def test_an_experiment_of_ones_own_has_no_claims(results: dict[str, Results], tmp_path: Path) -> None:
     """One setting without a context, and nothing of the paper to compare it with: no claims, no map."""
     plain = ReportSettings.model_validate(yaml.safe_load((CONF / "report/default.yaml").read_text("utf-8")))
-    document.write(tmp_path, Results(results["exp1"].jobs[:1]), plain, title="Mine", command="affmap", notice=None)
+    few = Results(results["exp1"].jobs[:1])
+    document.write(tmp_path, few, plain, name="mine", title="Mine", command="affmap", notice=None)
+    assert set(pd.read_csv(tmp_path / "tables/runs.csv")["experiment"]) == {"mine"}
     text = Page(tmp_path / "report.html").text
     assert "claim" not in text.replace("What the paper claims", "") and "Median mean distance" in text
     assert not list(tmp_path.glob("tables/claims.*")) and not (tmp_path / "figures" / "maps.png").exists()

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from affmap.report import searches, trials
+from affmap.report import sealed, searches, trials
 from affmap.settings import ConfigError
 
 ROWS = [
@@ -35,6 +35,7 @@ def write(path: Path, objective: str = "validation_nll", in_use: dict[str, objec
         objective,
         in_use=in_use,
         log_keys={"training.lr"},
+        origin={"git": "abc"},
         title="A search",
         command="affmap search=mine",
         notice="TOY",
@@ -68,7 +69,8 @@ def test_a_report_is_that_of_its_trials(path: Path) -> None:
     assert not searches.is_written(path.parent / "report", path)
     write(path)
     output = path.parent / "report"
-    assert searches.is_written(output, path)
+    assert searches.is_written(output, path) and sealed.problems(output) == []
+    assert sealed.read(output)["git"] == "abc" and sealed.read(output)["objective"] == "validation_nll"
     assert matplotlib.image.imread(output / "figures/search.png").ndim == 3
     pd.testing.assert_frame_equal(searches.read(output / "tables/trials.csv"), searches.read(path))
     path.write_text(path.read_text() + "5,ok,1.0,1.0,0.1,cem\n")
@@ -95,7 +97,14 @@ def test_values_of_keys_are_drawn_on_their_scale(path: Path) -> None:
         assert ax.get_xscale() == scale and ax.get_xlabel() == key
 
 
-@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "trial,status,result,batch_seconds\n0,fail,,1\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "a,b\n1,2\n",
+        *(f"trial,status,result,batch_seconds\n{row}\n" for row in ("0,fail,,1", "0,ok,x,1", "a,ok,1,1")),
+    ],
+)
 def test_a_table_without_trials_is_told(tmp_path: Path, text: str) -> None:
     (tmp_path / "results.csv").write_text(text)
     with pytest.raises(ConfigError, match=r"results\.csv holds no .*trials; run `affmap`"):
