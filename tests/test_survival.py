@@ -181,10 +181,10 @@ def test_a_signal_at_any_moment_ends_two_workers_too(tmp_path: Path) -> None:
         deadline = time.monotonic() + 60
         while not list(tmp_path.glob("store/*/*")) and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.05)
-        time.sleep(rng.uniform(0, 4))
+        time.sleep(rng.uniform(1, 6))
         number = (signal.SIGTERM, signal.SIGINT)[turn % 2]
         process.send_signal(number)
-        assert process.wait(20) in (0, 128 + number)
+        assert process.wait(20) in (0, 128 + number, -number)  # the last one while Python still imports
         while alive(process.pid):
             assert time.monotonic() < deadline + 20, f"a worker is left after {number.name}"
             time.sleep(0.1)
