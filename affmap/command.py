@@ -32,18 +32,32 @@ def command(body: Callable[[list[str]], None], known: Collection[str] = ()) -> N
     try:
         with ended_by_scheduler():
             body(_overrides(known))
-    except (ConfigError, HydraException, OmegaConfBaseException) as error:
-        _leave(str(error), 2)
-    except (StoreError, SweepError) as error:
-        _leave(str(error), 1)
-    except BrokenPipeError:  # whoever read the output, such as `head`, has enough
-        os._exit(128 + signal.SIGPIPE)
-    except OSError as error:
-        _leave(f"{error.filename or 'A file'}: {error.strerror or error}; mend that and run the same command again.", 1)
-    except KeyboardInterrupt:
-        _leave_at_once("Stopped; the same command goes on from there.", 128 + signal.SIGINT)
-    except Terminated as ending:
-        _leave_at_once("Stopped by a signal; the same command goes on from there.", ending.code)
+    except BaseException as error:
+        match _first(error):
+            case KeyboardInterrupt():
+                _leave_at_once("Stopped; the same command goes on from there.", 128 + signal.SIGINT)
+            case Terminated(code=code):
+                _leave_at_once("Stopped by a signal; the same command goes on from there.", code)
+            case ConfigError() | HydraException() | OmegaConfBaseException():
+                _leave(str(error), 2)
+            case StoreError() | SweepError():
+                _leave(str(error), 1)
+            case BrokenPipeError():  # whoever read the output, such as `head`, has enough
+                os._exit(128 + signal.SIGPIPE)
+            case OSError(filename=name, strerror=reason):
+                _leave(f"{name or 'A file'}: {reason or error}; mend that and run the same command again.", 1)
+            case _:
+                raise
+
+
+def _first(error: BaseException) -> BaseException:
+    """The signal that an error follows from, for libraries stumble when they are interrupted; else the error itself."""
+    before: BaseException | None = error
+    while before:
+        if isinstance(before, (KeyboardInterrupt, Terminated)):
+            return before
+        before = before.__context__
+    return error
 
 
 def flags() -> list[str]:

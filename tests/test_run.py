@@ -1,8 +1,11 @@
 """The commands at the tiniest scale: complete, resumable, brief where all is done, clear in errors."""
 
 import json
+import shlex
 import shutil
+import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -529,3 +532,37 @@ def test_a_configuration_that_cannot_be_run_is_not_printed(
     assert in_process(monkeypatch, "affmap", ["members=-1", "--cfg", "job"]) == 2
     captured = capsys.readouterr()
     assert "members = -1 is not allowed" in captured.err and captured.out == ""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_in_the_middle_of_a_library_is_no_mistake(number: signal.Signals, status: int) -> None:
+    """One that stumbles while it is interrupted raises an error of its own, which `composing` would tell as Hydra's."""
+    program = f"""
+import os, signal
+from affmap import command, composing
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # where it is ignored from outside
+
+def body(arguments):
+    with composing.reading():
+        try:
+            os.kill(os.getpid(), {int(number)})
+        finally:
+            raise AttributeError("stumbled")
+
+command.command(body)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (status, "") and ended.stderr.startswith("Stopped")
+
+
+def test_output_that_nobody_reads_is_no_mistake() -> None:
+    """`head -1` closes the pipe after a line."""
+    program = """
+from affmap import command
+
+command.command(lambda _: [print(line, flush=True) for line in range(100_000)])
+"""
+    shell = f"{shlex.join([sys.executable, '-c', program])} | head -1"
+    ended = subprocess.run(shell, shell=True, capture_output=True, text=True, check=False)
+    assert (ended.stdout, ended.stderr) == ("0\n", "")
