@@ -12,7 +12,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from affmap.files import digests, write_json
+from affmap.files import digests, sha256, write_json
 from affmap.provenance import PROVENANCE, canonical, circumstances, is_sealed, peak_memory, sealed
 from affmap.work import Work, is_scratch
 
@@ -79,6 +79,19 @@ def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
             problem = "is missing" if name not in actual else "does not belong there"
             problem = "is damaged" if name in expected and name in actual else problem
             raise StoreError(f"{folder / name} {problem}; {remedy(folder)}")
+    return record
+
+
+def check_file(folder: Path, name: str) -> dict[str, Any]:
+    """Make sure that one file of a completed stage is as it was written; returns the stage's provenance.
+
+    Raises:
+        StoreError: it is damaged or missing, or its provenance is.
+    """
+    record = read(folder)
+    path = folder / name
+    if not path.is_file() or record["files"].get(name) != sha256(path):
+        raise StoreError(f"{path} is damaged or missing; {remedy(folder)}")
     return record
 
 

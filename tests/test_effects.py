@@ -6,7 +6,7 @@ import pytest
 from affmap.effects import EFFECTS, PULLS, Effect
 from affmap.env.layout import Circle, Layout
 from affmap.env.physics import Physics, Vehicle
-from affmap.env.rendering import Canvas
+from affmap.env.rendering import Canvas, Scene
 from affmap.report.arena import effect_handles
 from affmap.report.records import World
 
@@ -30,7 +30,7 @@ def test_a_line_makes_a_new_force(monkeypatch: pytest.MonkeyPatch) -> None:
     physics.step(np.zeros(4))
     assert physics.velocity[0] < 0 and physics.velocity[1] == 0
     canvas = Canvas(layout, vehicle, window=False)
-    canvas.draw(np.array([0.2, 0.2]), np.zeros(4), np.array([2.8, 1.8]), 0.1, None)
+    canvas.draw(Scene(np.array([0.2, 0.2]), np.zeros(4), np.array([2.8, 1.8]), 0.1))
     height, width, _ = canvas.array().shape
     assert tuple(canvas.array()[height // 2, width // 2]) == (0x12, 0x34, 0x56)
     world = World.of(layout.model_dump(mode="json"), vehicle.model_dump(mode="json"))

@@ -4,12 +4,15 @@ One agent object steers B vehicles at once, the same number for each member of a
 stack, a look-up and a planner; it knows no environment.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
 
+from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
 from affmap.model.codes import ViewCodes
 from affmap.model.lookup import Lookup
@@ -18,6 +21,7 @@ from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner
 from affmap.settings import Count, NonNegative, Positive, Settings
+from affmap.view import Map
 
 
 class ControlSettings(Settings):
@@ -53,6 +57,13 @@ class Observation(NamedTuple):
     goal: Tensor
     """`[B, 2]`, u."""
 
+    @classmethod
+    def of(cls, observations: Sequence[Mapping[str, np.ndarray]], device: str = "cpu") -> "Observation":
+        """What B environments have returned, as tensors."""
+        parts = {key: np.stack([each[key] for each in observations]) for key in cls._fields}
+        parts["view"] = parts["view"].astype(bool)
+        return cls(**{key: torch.from_numpy(part).to(device) for key, part in parts.items()})
+
 
 class Decision(NamedTuple):
     """What B vehicles do next, and what they expect."""
@@ -65,38 +76,64 @@ class Decision(NamedTuple):
     """Expected change of position in the next step, of `[B, 2]`, u/step, from the view at the vehicle."""
 
 
+Watch = Callable[[Tensor, Tensor], None]
+"""Called with the candidates `[B, N, H, 4]` of each iteration of a planner, and their costs `[B, N]`."""
+
+
 class Agent:
-    """B agents side by side."""
+    """B agents side by side.
+
+    Attributes:
+        stack: M members.
+        lookup: context codes of the same members, in the world or the worlds that they fly in.
+        planner: how plans are made.
+        settings: what plans are for.
+    """
 
     def __init__(self, stack: Stack, lookup: Lookup, planner: Planner, settings: ControlSettings) -> None:
         """Put an agent together; `lookup` must belong to `stack`, whose weights cease to require gradients."""
-        self._stack = stack.requires_grad_(False)
-        self._lookup, self._planner, self._settings = lookup, planner, settings
-        self._codes = ViewCodes(self._stack)
+        self.stack = stack.requires_grad_(False)
+        self.lookup, self.planner, self.settings = lookup, planner, settings
+        self._codes = ViewCodes(self.stack)
 
     @property
     def seeds(self) -> tuple[int, ...]:
         """The members' own seeds, M of them."""
-        return self._stack.seeds
+        return self.stack.seeds
+
+    def elsewhere(self, worlds: Sequence[Map]) -> "Agent":
+        """The same agent in another world, or in B others (member-major)."""
+        return Agent(self.stack, self.lookup.elsewhere(self.stack, worlds), self.planner, self.settings)
 
     def initial(self, num_problems: int) -> Any:
         """The planner's state before the first step, for B problems."""
-        return self._planner.initial(num_problems, self._settings.device)
+        return self.planner.initial(num_problems, self.settings.device)
 
-    def act(self, observation: Observation, state: Any, generators: Generators) -> tuple[Decision, Any]:
+    def act(
+        self, observation: Observation, state: Any, generators: Generators, watch: Watch | None = None
+    ) -> tuple[Decision, Any]:
         """Plan for all, from where the last plans ended.
 
         Args:
             observation: what B vehicles sense now.
             state: what `initial` or the last `act` returned.
             generators: a generator for each of the B.
+            watch: gets to see what the planner tries.
 
         Returns:
             The decisions, and the state for the next step.
         """
-        plan, state = self._planner.plan(self.objective(observation), state, generators)
+        objective = self.objective(observation)
+
+        def watched(actions: Tensor) -> Tensor:
+            costs = objective(actions)
+            if watch:
+                watch(actions, costs)
+            return costs
+
+        plan, state = self.planner.plan(watched, state, generators)
         with torch.no_grad():
-            path = self._imagine(observation, plan.actions[:, None])
+            path = self.imagine(observation, plan.actions[:, None])
             action = plan.actions[:, 0]
             decision = Decision(action, Gaussian(*(part[:, 0] for part in path)), self._predict(observation, action))
         return decision, state
@@ -107,19 +144,19 @@ class Agent:
         std = self._goal_std(observation)[:, None]
 
         def objective(actions: Tensor) -> Tensor:
-            path = self._imagine(observation, actions)
-            return expected_free_energy(path, goal, std, self._settings.beta).total
+            path = self.imagine(observation, actions)
+            return expected_free_energy(path, goal, std, self.settings.beta).total
 
         return objective
 
-    def _imagine(self, observation: Observation, actions: Tensor) -> Gaussian:
+    def imagine(self, observation: Observation, actions: Tensor) -> Gaussian:
         """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u."""
-        transition = self._stack.transition
+        transition = self.stack.transition
         situation = Situation(observation.position, observation.delta, transition.initial())
-        return rollout(transition, self._lookup, situation, actions)
+        return rollout(transition, self.lookup, situation, actions)
 
     def _goal_std(self, observation: Observation) -> Tensor:
-        settings = self._settings
+        settings = self.settings
         return goal_std(
             observation.position,
             observation.goal,
@@ -130,13 +167,26 @@ class Agent:
 
     def _predict(self, observation: Observation, action: Tensor) -> Gaussian:
         """The next change of position, from the view that the vehicle really has, as in training."""
-        num_members = len(self._stack.seeds)
+        num_members = len(self.stack.seeds)
         view, delta, action = (
             part.unflatten(0, (num_members, -1)) for part in (observation.view, observation.delta, action)
         )
-        transition = self._stack.transition
+        transition = self.stack.transition
         _, prediction = transition.step()(transition.initial(), self._codes(view), delta, action)
         return Gaussian(*(part.flatten(0, 1) for part in prediction))
+
+
+def check_channels(agent: Agent, layout: Layout) -> None:
+    """Make sure that an agent can see a world.
+
+    Raises:
+        ValueError: it has been trained with another number of channels.
+    """
+    if len(layout.channels) != agent.stack.num_channels:
+        raise ValueError(
+            f"layout {layout.name!r} has channels {list(layout.channels)}, and the agent was trained with "
+            f"{agent.stack.num_channels}; a model sees the same ones everywhere."
+        )
 
 
 def prediction_error(decision: Decision, delta: Tensor) -> Tensor:

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-import torch
 
-from affmap.control.agent import Agent, ControlSettings, Decision, Observation, prediction_error
+from affmap.control.agent import Agent, ControlSettings, Decision, Observation, check_channels, prediction_error
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
@@ -70,6 +69,22 @@ def control(
     return Runs(summarise(trajectories), trajectories)
 
 
+def fly(agent: Agent, layout: Layout | str) -> Runs:
+    """Let every member of an agent fly all its runs in a world of one's own, with the vehicle of the paper.
+
+    Args:
+        agent: made by `affmap.load`, for instance.
+        layout: the world, or the name of a file in `conf/layout`.
+
+    Raises:
+        ConfigError: there is no such file.
+        ValueError: the agent was trained with another number of channels.
+    """
+    world = Layout.load("layout", layout) if isinstance(layout, str) else layout
+    check_channels(agent, world)
+    return control(agent.elsewhere([world.map]), [world], Vehicle.load("vehicle", "default"), agent.settings)
+
+
 def _note(
     record: defaultdict[str, list[np.ndarray]], decision: Decision, after: Observation, infos: list[dict]
 ) -> None:
@@ -87,10 +102,8 @@ def _note(
 
 
 def _batch(observations: Sequence[dict[str, np.ndarray]], seen: np.ndarray, device: str) -> Observation:
-    """Observations of B environments, and their views, as tensors."""
-    arrays = {key: np.stack([o[key] for o in observations]) for key in observations[0]} | {"view": seen}
-    parts = {key: torch.from_numpy(array).to(device) for key, array in arrays.items()}
-    return Observation(parts["position"], parts["delta"], parts["view"], parts["goal"])
+    """Observations of B environments, and their views `[B, K, 11, 11]`, as tensors."""
+    return Observation.of([{**each, "view": view} for each, view in zip(observations, seen, strict=True)], device)
 
 
 def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:

@@ -146,7 +146,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def render(self) -> np.ndarray | None:
         """The picture of now: `[400, 600, 3]` uint8 for "rgb_array"; for "human" it goes to a window."""
-        from affmap.env.rendering import Canvas  # pygame is needed for pictures only
+        from affmap.env.rendering import Canvas, Scene  # pygame is needed for pictures only
 
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with one.")
@@ -154,7 +154,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self._canvas is None:
             self._canvas = Canvas(self.layout, self.vehicle, window=self.render_mode == "human")
         physics = self._running()
-        self._canvas.draw(physics.position, self.action, self.goal, self.goal_radius, self.planned_positions)
+        self._canvas.draw(Scene(physics.position, self.action, self.goal, self.goal_radius, self.planned_positions))
         return self._canvas.show(RENDER_FPS) if self.render_mode == "human" else self._canvas.array()
 
     def close(self) -> None:

@@ -9,11 +9,13 @@ import math
 from collections.abc import Sequence
 from typing import Protocol, Self
 
+import numpy as np
 import torch
 from pydantic import model_validator
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
+from affmap.colors import Palette
 from affmap.model.codes import ViewCodes
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
@@ -49,6 +51,10 @@ class Lookup(Protocol):
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         ...
 
+    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "Lookup":
+        """The same kind of look-up for `stack` in another world, or in B others."""
+        ...
+
 
 def make_lookup(settings: LookupSettings, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup | AffordanceMap":
     """The look-up that `settings` describe, for `stack` in one world or in B, one for each problem."""
@@ -81,6 +87,10 @@ class ExactLookup:
             places = by_world(places, len(self._worlds))
         seen = views(self._worlds, places)
         return self._codes(seen.view(*positions.shape[:-1], *seen.shape[-3:]))
+
+    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup":
+        """The same kind of look-up for `stack` in another world, or in B others."""
+        return ExactLookup(stack, worlds)
 
 
 def lookup_error(lookup: Lookup, exact: ExactLookup, positions: Tensor) -> Tensor:
@@ -122,6 +132,19 @@ class AffordanceMap:
         members = [stack.select([number * num_members // len(worlds)]) for number in range(len(worlds))]
         painted = [_codes_at_nodes(member, world, spacing) for member, world in zip(members, worlds, strict=True)]
         return cls(torch.cat(painted), worlds, differentiable)
+
+    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "AffordanceMap":
+        """A map as fine as this one, for `stack` in another world, or in B others."""
+        spacing = self.worlds[0].size[0] / (self.codes.shape[2] - 1)
+        return AffordanceMap.paint(stack, worlds, spacing, self._differentiable)
+
+    def picture(self, index: int = 0) -> np.ndarray:
+        """The map in place `index` of the leading axis in colours, `[Y, X, 3]` in [0, 1]; row 0 is y = 0.
+
+        Principal components of its codes over the whole arena: red the first, green the second, blue the third.
+        """
+        codes = self.codes[index].cpu().numpy()
+        return Palette.fit(codes.reshape(-1, codes.shape[-1]))(codes)
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""

@@ -1,4 +1,4 @@
-"""An affordance map's colours (principal components), and what its nodes are in their world: reachable, beside, alone.
+"""An affordance map's colours, and what its nodes are in their world: reachable, beside, alone.
 
 Pure functions of codes, nodes and the world. Axes: M members, Y and X rows and columns of nodes, C context code.
 Codes of different members mean different things, so each member has its own basis and its own scale.
@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from affmap.colors import Palette, rounding
 from affmap.report.records import Circle, Floats, World
 
 Mask = NDArray[np.bool_]
@@ -18,9 +19,6 @@ BESIDE = 0.04
 
 VIEW_SIDE = 0.5
 """u; side of the square that a view shows."""
-
-PERCENTILES = (1.0, 99.0)
-"""Of a principal component over the reachable nodes; they become the darkest and the brightest value of a channel."""
 
 EPSILON = 1e-6  # u; nodes are float sums of a spacing, comparisons with borders must not hang on the last bit
 
@@ -41,10 +39,7 @@ def reachable(nodes: Floats, world: World) -> Mask:
 
 
 def colors(codes: Floats, fit: Mask) -> Floats:
-    """Paint one member's map: principal components of its codes as red, green and blue.
-
-    The components come from the covariance (float64, largest first); a component's sign is fixed so that its loading
-    of largest magnitude is positive. Missing channels (C < 3) are a neutral 0.5.
+    """Paint one member's map: principal components of its codes as red, green and blue (`affmap.colors`).
 
     Args:
         codes: `[Y, X, C]`.
@@ -53,28 +48,7 @@ def colors(codes: Floats, fit: Mask) -> Floats:
     Returns:
         `[Y, X, 3]` in [0, 1].
     """
-    values = codes.astype(np.float64)
-    sample = values[fit]  # [nodes, C]
-    painted = np.full((*codes.shape[:2], 3), 0.5)
-    num_components = min(3, codes.shape[-1])
-    if num_components == 0 or len(sample) < 2:
-        return painted
-    basis = principal_components(sample)[:, :num_components]
-    projected = (values - sample.mean(axis=0)) @ basis  # [Y, X, components]
-    low, high = np.percentile(projected[fit], PERCENTILES, axis=0)
-    varies = high - low > _noise(sample)
-    scaled = (projected - low) / np.where(varies, high - low, 1.0)
-    painted[..., :num_components] = np.where(varies, scaled.clip(0.0, 1.0), 0.5)
-    return painted
-
-
-def principal_components(sample: Floats) -> Floats:
-    """`[C, C]` principal axes of `[nodes, C]` in columns, largest variance first, with fixed signs."""
-    centered = sample - sample.mean(axis=0)
-    _, vectors = np.linalg.eigh(centered.T @ centered / (len(sample) - 1))
-    vectors = vectors[:, ::-1]
-    largest = np.abs(vectors).argmax(axis=0)
-    return vectors * np.sign(vectors[largest, np.arange(vectors.shape[1])])
+    return Palette.fit(codes[fit])(codes)
 
 
 def beside(distance: Floats, world: World) -> Mask:
@@ -114,9 +88,4 @@ def scale(codes: Floats, possible: Mask) -> Floats:
     """
     sample = codes[:, possible].astype(np.float64)  # [M, nodes, C]
     spread = np.sqrt(sample.var(axis=1).sum(axis=-1))
-    return np.where(spread > _noise(sample), spread, 1.0)
-
-
-def _noise(values: Floats) -> float:
-    """Differences below this are rounding of float32 codes."""
-    return 1e-6 * max(1.0, float(np.abs(values).max()))
+    return np.where(spread > rounding(sample), spread, 1.0)

@@ -73,6 +73,22 @@ def summarize(jobs: Sequence[Job], records: Mapping[Path, dict[str, Any]]) -> di
     }
 
 
+def config_of(record: Mapping[str, Any], digest: str) -> dict[str, Any]:
+    """The configuration of a stage out of what `summarize` returned."""
+    stage = next(stage for stage in record["stages"] if stage["digest"] == digest)
+    values = leaves(record["configs"][stage["stage"]]) | stage["differs"]
+    config: dict[str, Any] = {}
+    for key, value in values.items():
+        if value is None:  # the first stage of this kind has it, and this one has not
+            continue
+        *groups, name = key.split(".")
+        group = config
+        for each in groups:
+            group = group.setdefault(each, {})
+        group[name] = value
+    return config
+
+
 def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
     """Put the values that were used into a list of points that names them as `${group.key}`.
 

@@ -41,14 +41,6 @@ def test_what_is_seen_alone_is_what_a_fine_picture_shows_alone(layout: str, load
         assert (deepest[alone] <= 1e-9).all() and (deepest[~alone] > -0.008).all()
 
 
-def test_principal_components_are_the_singular_vectors() -> None:
-    sample = np.random.default_rng(0).normal(size=(200, 5)) * (3.0, 1.0, 0.3, 2.0, 0.1)
-    basis = maps.principal_components(sample)
-    reference = np.linalg.svd(sample - sample.mean(axis=0), full_matrices=False)[2].T
-    assert np.abs(np.sum(basis * reference, axis=0)) == pytest.approx(np.ones(5)), "the same axes up to signs"
-    assert (basis[np.abs(basis).argmax(axis=0), np.arange(5)] > 0).all(), "the largest loading is positive"
-
-
 def test_codes_on_a_line_vary_in_one_channel() -> None:
     """Rank 1: red follows the position on the line from 0 to 1, green and blue are neutral."""
     position = np.linspace(0, 1, 20).reshape(4, 5)

@@ -1,0 +1,77 @@
+"""One agent at the controls of one environment, step by step: observations in, actions out.
+
+For flights that something else drives: a Gymnasium loop, a window, a camera. Many runs at once are in `episodes`.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from affmap.control.agent import Agent, Observation, check_channels
+from affmap.env.layout import Layout
+from affmap.random import generator
+
+
+class Thought(NamedTuple):
+    """What the pilot had in mind when it chose an action; lengths in u."""
+
+    path: np.ndarray
+    """`[H, 2]`, expected positions."""
+    std: np.ndarray
+    """`[H, 2]`, standard deviations of the predicted positions."""
+    candidates: np.ndarray
+    """`[N, H, 2]`, expected positions of the planner's last candidates."""
+    costs: np.ndarray
+    """`[N]`, their expected free energy, nats."""
+
+
+class Pilot:
+    """Flies `affmap/Vehicle-v0` with an agent of one member: `action = pilot(observation)`."""
+
+    def __init__(self, agent: Agent, layout: Layout, seed: int = 0) -> None:
+        """Take the controls in a world; everything random comes from `seed`.
+
+        Raises:
+            ValueError: the agent has several members, or knows other channels than the world has.
+        """
+        if len(agent.seeds) != 1:
+            raise ValueError(f"a pilot is one member, and this agent has {list(agent.seeds)}; load a single one.")
+        check_channels(agent, layout)
+        self.agent, self._seed = agent.elsewhere([layout.map]), seed
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last plan; to be called where the environment is reset."""
+        self._state: Any = self.agent.initial(1)
+        self._generators = [generator(self._seed, "planner", 0)]
+        self._tried: tuple[Tensor, Tensor] | None = None
+        self._observation: Observation | None = None
+        self._expected: tuple[np.ndarray, np.ndarray] | None = None
+
+    def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The action `[4]` for what the environment has returned."""
+        self._observation = Observation.of([observation], self.agent.settings.device)
+        decision, self._state = self.agent.act(self._observation, self._state, self._generators, self._watch)
+        mean, log_std = decision.path
+        self._expected = mean[0].cpu().numpy(), log_std[0].exp().cpu().numpy()
+        return decision.action[0].cpu().numpy()
+
+    def _watch(self, actions: Tensor, costs: Tensor) -> None:
+        self._tried = actions.detach(), costs.detach()
+
+    @property
+    def thought(self) -> Thought:
+        """What it had in mind with its last action.
+
+        Raises:
+            ValueError: it has not acted yet.
+        """
+        if self._observation is None or self._tried is None or self._expected is None:
+            raise ValueError("the pilot has not acted yet; call it with an observation first.")
+        actions, costs = self._tried
+        with torch.no_grad():
+            candidates = self.agent.imagine(self._observation, actions).mean[0]
+        return Thought(*self._expected, candidates.cpu().numpy(), costs[0].cpu().numpy())

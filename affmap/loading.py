@@ -1,0 +1,146 @@
+"""A trained agent, from a run or from the reference run that comes with the package."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from affmap.control.agent import Agent, ControlSettings
+from affmap.env.layout import Layout
+from affmap.env.procedural import Procedural
+from affmap.model.lookup import LookupSettings, make_lookup
+from affmap.model.stack import ModelSettings, Stack
+from affmap.model.weights import WEIGHTS, restore
+from affmap.planning.cem import CEMPlanner
+from affmap.planning.gradient import GradientPlanner
+from affmap.planning.planner import Planner
+from affmap.random import generator
+from affmap.report import provenance, sealed
+from affmap.settings import ConfigError, read
+from affmap.stage import check_file
+
+PLANNERS: dict[str, type[CEMPlanner] | type[GradientPlanner]] = {"cem": CEMPlanner, "gradient": GradientPlanner}
+
+
+def load(
+    source: str | Path = "exp1",
+    *,
+    context_size: int = 8,
+    members: Sequence[int] = (0,),
+    planner: Planner | str | None = None,
+) -> Agent:
+    """A trained agent in the world that it flew in; `fly` and `Pilot` take it anywhere.
+
+    Args:
+        source: the folder of an experiment's report, such as `runs/exp1`, with its store beside it; or the name of an
+            experiment of the reference run, `exp1` to `exp5`.
+        context_size: C, of those that the experiment has.
+        members: which of its M members, by their seeds.
+        planner: any planner; or the name of a file of `conf/planner`; by default the first that flew there.
+
+    Raises:
+        ConfigError: there is no such report, context size, member or planner; the message lists those there are.
+        StoreError: the weights are damaged.
+    """
+    report = _report(source)
+    record = sealed.read(report)
+    job = _job(record, report, context_size)
+    config = provenance.config_of(record, job["control"][0])
+    stack = _stack(report.parent / "store" / "train", job["train"], members)
+    world = _world(config["control_layout"], members[0])
+    return Agent(
+        stack,
+        make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [world.map]),
+        _planner(planner, config["planner"]),
+        ControlSettings.model_validate({"device": "cpu", **config["control"]}),
+    )
+
+
+def reference() -> Path:
+    """The folder of the reference run: inside an installed package, or in `runs` of a checkout."""
+    inside = Path(__file__).parent / "reference"
+    return inside if inside.is_dir() else Path(__file__).parents[1] / "runs" / "reference"
+
+
+def experiments() -> list[str]:
+    """The names of the reference run's experiments."""
+    return sorted(path.parent.name for path in reference().glob("exp*/provenance.json"))
+
+
+class Origin(NamedTuple):
+    """What an experiment has."""
+
+    context_sizes: list[int]
+    """C of the models that are there, ascending."""
+    planner: str
+    """Kind of the first planner."""
+    layout: str
+    """Name of the first layout that was flown in."""
+    channels: tuple[str, ...]
+    """What its models see, K names."""
+
+
+def origin(source: str | Path) -> Origin:
+    """What an experiment has, of which `load` makes agents.
+
+    Raises:
+        ConfigError: there is no such report.
+    """
+    report = _report(source)
+    record = sealed.read(report)
+    jobs = record["jobs"]
+    there = {job["context_size"] for job in jobs if all(_weights(report, digest).is_file() for digest in job["train"])}
+    channels = record["configs"]["data"]["training_layouts"][0]["channels"]
+    return Origin(sorted(there), jobs[0]["planner"], jobs[0]["layout"], tuple(channels))
+
+
+def _weights(report: Path, digest: str) -> Path:
+    return report.parent / "store" / "train" / digest / WEIGHTS
+
+
+def _report(source: str | Path) -> Path:
+    for folder in (Path(source), reference() / source):
+        if "jobs" in sealed.read(folder):
+            return folder
+    raise ConfigError(
+        f"{source} is neither the folder of an experiment's report nor one of the reference run's experiments, "
+        f"{', '.join(experiments())}."
+    )
+
+
+def _job(record: Mapping[str, Any], report: Path, context_size: int) -> dict[str, Any]:
+    """The first setting with a context size."""
+    sizes = origin(report).context_sizes
+    if context_size not in sizes:
+        raise ConfigError(f"{report} has models of the context sizes {sizes}, and none of {context_size}.")
+    return next(job for job in record["jobs"] if job["context_size"] == context_size)
+
+
+def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:
+    """Members of a training, or of those that its members were divided among."""
+    known: list[int] = []
+    for digest in digests:
+        made = check_file(store / digest, WEIGHTS)["config"]
+        seeds = range(made["seed"], made["seed"] + made["members"])
+        if members and all(member in seeds for member in members):
+            settings = ModelSettings.model_validate(made["model"])
+            whole = Stack(settings, len(made["training_layouts"][0]["channels"]), seeds)
+            return restore(whole, store / digest / WEIGHTS).select([seeds.index(member) for member in members])
+        known += seeds
+    raise ConfigError(
+        f"members = {[*members]} is not allowed: {store.parent.parent} has {known}"
+        f"{', and those of one job only can fly together' if len(digests) > 1 else ''}."
+    )
+
+
+def _world(layout: Mapping[str, Any], member: int) -> Layout:
+    """A fixed world, or the first of those that a member flew in."""
+    if "properties" in layout:
+        return Procedural.model_validate(layout).draw(generator(member, "world", 0))
+    return Layout.model_validate(layout)
+
+
+def _planner(planner: Planner | str | None, flown: Mapping[str, Any]) -> Planner:
+    if planner is not None and not isinstance(planner, str):
+        return planner
+    values = read("planner", planner) if planner else flown
+    return PLANNERS[values["kind"]].model_validate(values)

@@ -1,0 +1,1 @@
+"""A window in which one flies the vehicle, or watches an agent imagine and fly: `affmap-play`."""

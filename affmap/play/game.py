@@ -1,0 +1,167 @@
+"""What goes on in the window: a world, a vehicle, an agent, what the player may change. Knows no pixels and no keys."""
+
+from collections.abc import Sequence
+from itertools import count
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from affmap import loading
+from affmap.colors import Palette
+from affmap.control.pilot import Pilot, Thought
+from affmap.env.layout import Layout
+from affmap.env.vehicle import VehicleEnv
+from affmap.model.lookup import AffordanceMap, LookupSettings, make_lookup
+from affmap.model.stack import Stack
+from affmap.settings import ConfigError, folder, read
+
+PLANNERS, BETAS, LOOKUPS = ("cem", "gradient"), (0.0, 1.0, 10.0, 100.0), ("map", "exact")
+GROUND_SPACING = 0.04
+"""Between nodes of the map that is shown, u: painted in a hundredth of a second."""
+
+GRAB = 0.05
+"""u; a click this far outside a circle still takes hold of it."""
+
+
+class Setting(NamedTuple):
+    """What the player may change about the agent."""
+
+    context_size: int
+    planner: str
+    beta: float
+    lookup: str
+
+
+class Game:
+    """A flight that never ends.
+
+    Attributes:
+        world: name of the world, which circles may have been moved in since.
+        layout: the world as it is now.
+        env: the vehicle in it.
+        setting: what the agent is.
+        by_hand: whether the player flies; else the agent does.
+        throttles: `[4]`, what the player does.
+        thought: what the agent had in mind with its last action; None where it has not acted.
+        past: true positions since the last reset, `[2]` each, u.
+        ground: `[Y, X, 3]`, the affordance map in colours; None where there is no context code.
+        message: a sentence for the player, about what could not be done.
+    """
+
+    def __init__(self, source: str = "exp1", world: str | None = None, context_size: int | None = None) -> None:
+        """Load the models of an experiment (see `affmap.load`).
+
+        Raises:
+            ConfigError: there are no such models or world, or they do not fit each other.
+        """
+        self.source, self.origin = source, loading.origin(source)
+        size = self.origin.context_sizes[-1] if context_size is None else context_size
+        beta = loading.load(source, context_size=size).settings.beta
+        self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0])
+        self.worlds = _worlds(self.origin.channels)
+        self.by_hand, self.throttles, self.message = False, np.zeros(4), ""
+        self._seeds = count()
+        flown = self.origin.layout if self.origin.layout in self.worlds else self.worlds[0]  # not a random one
+        self.enter(world or flown)
+
+    def enter(self, world: str) -> None:
+        """Begin anew in a world.
+
+        Raises:
+            ConfigError: the agent cannot see it, or it does not exist.
+        """
+        if world not in self.worlds:
+            raise ConfigError(f"world {world!r} is not one that these models can see: {', '.join(self.worlds)}.")
+        self.world, self.layout = world, Layout.load("layout", world)
+        self.env = VehicleEnv(self.layout)
+        self.reset()
+        self._take_controls(new_colors=True)
+
+    def reset(self) -> None:
+        """Start in a corner, with the goal in the opposite one."""
+        self._observation, info = self.env.reset(seed=next(self._seeds))
+        self.past = [info["position"]]
+        self.thought: Thought | None = None
+
+    def change(self, **values: object) -> None:
+        """Change something about the agent, which goes on from where it is; see `Setting`."""
+        before, self.setting = self.setting, self.setting._replace(**values)  # type: ignore[arg-type]
+        self._take_controls(new_colors=before.context_size != self.setting.context_size)
+
+    def step(self, paused: bool = False) -> None:
+        """Fly for a step; while `paused`, the agent only thinks."""
+        if self.by_hand:
+            action, self.thought = self.throttles, None
+        else:
+            action, self.thought = self._pilot(self._observation), self._pilot.thought
+        if not paused:
+            self._observation, _, _, _, info = self.env.step(action)
+            self.past.append(info["position"])
+
+    def set_goal(self, goal: Sequence[float]) -> None:
+        """Fly to a point of the arena `[2]`, u."""
+        self.env.goal = np.clip(goal, 0, self.layout.size)
+        self._observation["goal"] = self.env.goal.astype(np.float32)
+
+    def circle_at(self, point: Sequence[float]) -> int | None:
+        """The number of the circle at a point `[2]` (u), of several the smallest; None where there is none."""
+        gaps = [np.hypot(*np.subtract(point, circle.center)) - circle.radius for circle in self.layout.circles]
+        hit = [number for number, gap in enumerate(gaps) if gap < GRAB]
+        return min(hit, key=lambda number: self.layout.circles[number].radius, default=None)
+
+    def move_circle(self, number: int, center: Sequence[float]) -> None:
+        """Move a circle to a point `[2]` (u); where that is not possible it stays, and `message` says why."""
+        values = self.layout.model_dump()
+        values["circles"][number]["center"] = tuple(np.clip(center, 0, self.layout.size).tolist())
+        layout = Layout.model_validate(values)
+        try:
+            env = VehicleEnv(layout)
+            options = {"position": self.past[-1], "goal": self.env.goal}
+            observation, _ = env.reset(seed=next(self._seeds), options=options)
+        except ValueError:
+            self.message = "A circle may cover neither a start corner nor the vehicle."
+            return
+        self.message = ""
+        self.layout, self.env, self._observation = layout, env, observation
+        self._take_controls(new_colors=False)
+
+    @property
+    def view(self) -> np.ndarray:
+        """`[K, 11, 11]` bool, what the vehicle sees."""
+        return self.env.probe(self.past[-1])
+
+    @property
+    def code(self) -> np.ndarray:
+        """`[C]`, the context code where the vehicle is."""
+        position = torch.tensor(self.past[-1], dtype=torch.float32)[None, None]
+        return self._pilot.agent.lookup(position)[0, 0].numpy()
+
+    @property
+    def distance(self) -> float:
+        """From the vehicle to the goal, u."""
+        return float(np.hypot(*(self.past[-1] - self.env.goal)))
+
+    def _take_controls(self, new_colors: bool) -> None:
+        """Put another agent at the controls, after something about it or its world has changed."""
+        context_size, planner, beta, lookup = self.setting
+        agent = loading.load(self.source, context_size=context_size, planner=planner)
+        agent.settings = agent.settings.model_copy(update={"beta": beta})
+        world = [self.layout.map]
+        agent.lookup = make_lookup(LookupSettings.load("lookup", lookup), agent.stack, world)
+        self._pilot = Pilot(agent, self.layout, seed=next(self._seeds))
+        self.thought = None
+        self.ground = self._paint(agent.stack, new_colors) if context_size else None
+
+    def _paint(self, stack: Stack, new_colors: bool) -> np.ndarray:
+        codes = AffordanceMap.paint(stack, [self.layout.map], GROUND_SPACING).codes[0].numpy()
+        if new_colors:  # else they would change while a circle is moved
+            self._palette = Palette.fit(codes.reshape(-1, codes.shape[-1]))
+        return self._palette(codes)
+
+
+def _worlds(channels: tuple[str, ...]) -> list[str]:
+    """Names of the fixed worlds with some channels."""
+    names = sorted(path.stem for path in (folder() / "layout").glob("*.yaml"))
+    found = {name: read("layout", name) for name in names}
+    return [name for name, values in found.items() if "circles" in values and tuple(values["channels"]) == channels]

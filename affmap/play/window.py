@@ -1,0 +1,225 @@
+"""The command `affmap-play`: the game in a window (pygame), with a panel of what the vehicle sees and the agent is."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+import pygame
+
+from affmap.command import command
+from affmap.env.rendering import BLACK, PLAN, WHITE, Canvas, Scene
+from affmap.env.vehicle import RENDER_FPS
+from affmap.loading import experiments
+from affmap.play.game import BETAS, LOOKUPS, PLANNERS, Game
+
+SCALE = 300  # pixels a unit
+PANEL, MARGIN, FOOT = 330, 14, 34  # pixels
+GREY, LIGHT, POSITIVE, NEGATIVE = (110, 110, 110), (225, 225, 225), (0, 114, 178), (213, 94, 0)
+
+ARROWS = {
+    pygame.K_RIGHT: (1, 0),
+    pygame.K_LEFT: (-1, 0),
+    pygame.K_UP: (0, 1),
+    pygame.K_DOWN: (0, -1),
+}
+"""Key -> direction in which it pushes."""
+
+PUSHES = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) / np.sqrt(2)
+"""Directions in which the throttles push."""
+
+HELP = "click: goal   drag a circle: move it   arrows: fly by hand   enter: the agent flies   space: pause   R: restart"
+
+
+T = TypeVar("T")
+
+
+class Shown(NamedTuple):
+    """What is drawn besides the vehicle and its world."""
+
+    candidates: bool = True
+    map: bool = True
+    view: bool = True
+
+
+class Window:
+    """Shows a game, and lets somebody play it."""
+
+    def __init__(self, game: Game) -> None:
+        """Open a window."""
+        self.game, self.shown = game, Shown()
+        self.paused, self.open = False, True
+        self._held: int | None = None
+        pygame.display.init()
+        pygame.font.init()
+        pygame.display.set_caption(f"affmap: {game.source}")
+        width, height = (round(length * SCALE) for length in game.layout.size)
+        self.screen = pygame.display.set_mode((width + PANEL, height + FOOT))
+        self._font, self._small = pygame.font.Font(None, 22), pygame.font.Font(None, 19)
+        self._clock = pygame.time.Clock()
+
+    def run(self) -> None:
+        """Play until the window is closed."""
+        while self.open:
+            for event in pygame.event.get():
+                self.handle(event)
+            self.advance()
+            self.draw()
+            pygame.display.flip()
+            self._clock.tick(RENDER_FPS)
+        pygame.display.quit()
+
+    def handle(self, event: pygame.event.Event) -> None:
+        """React to the player."""
+        if event.type == pygame.QUIT:
+            self.open = False
+        elif event.type == pygame.KEYDOWN:
+            self._press(event.key)
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._in_arena(event.pos):
+            point = self._point(event.pos)
+            self._held = self.game.circle_at(point)
+            if self._held is None:
+                self.game.set_goal(point)
+        elif event.type == pygame.MOUSEMOTION and self._held is not None:
+            self.game.move_circle(self._held, self._point(event.pos))
+        elif event.type == pygame.MOUSEBUTTONUP and event.button == 1:
+            self._held = None
+
+    def _press(self, key: int) -> None:
+        game, setting = self.game, self.game.setting
+        if key in (pygame.K_ESCAPE, pygame.K_q):
+            self.open = False
+        elif key in ARROWS:
+            game.by_hand = True
+        elif key == pygame.K_RETURN:
+            game.by_hand = False
+        elif key == pygame.K_SPACE:
+            self.paused = not self.paused
+        elif key == pygame.K_r:
+            game.reset()
+        elif key == pygame.K_w:
+            game.enter(_next(game.worlds, game.world))
+        elif key == pygame.K_c:
+            game.change(context_size=_next(game.origin.context_sizes, setting.context_size))
+        elif key == pygame.K_p:
+            game.change(planner=_next(PLANNERS, setting.planner))
+        elif key == pygame.K_b:
+            game.change(beta=_next(BETAS, setting.beta))
+        elif key == pygame.K_l:
+            game.change(lookup=_next(LOOKUPS, setting.lookup))
+        elif key == pygame.K_h:
+            self.shown = self.shown._replace(candidates=not self.shown.candidates)
+        elif key == pygame.K_m:
+            self.shown = self.shown._replace(map=not self.shown.map)
+        elif key == pygame.K_v:
+            self.shown = self.shown._replace(view=not self.shown.view)
+
+    def advance(self) -> None:
+        """Fly for a step, unless the game is paused or a circle is held."""
+        pressed = pygame.key.get_pressed()
+        direction = np.sum([push for key, push in ARROWS.items() if pressed[key]] or [(0, 0)], axis=0)
+        self.game.throttles = (PUSHES @ direction > 1e-6).astype(float)
+        self.game.step(self.paused or self._held is not None)
+
+    def draw(self) -> None:
+        """Draw everything."""
+        game, thought = self.game, self.game.thought
+        self.screen.fill(WHITE)
+        canvas = Canvas(game.layout, game.env.vehicle, window=False, pixels_per_unit=SCALE)
+        scene = Scene(
+            game.past[-1], game.env.action, game.env.goal, game.env.goal_radius, past=np.array(game.past[-200:])
+        )
+        if thought:
+            scene = scene._replace(path=thought.path, std=thought.std)
+            scene = scene._replace(candidates=thought.candidates if self.shown.candidates else None)
+        canvas.draw(scene._replace(ground=game.ground if self.shown.map else None))
+        self.screen.blit(canvas.surface, (0, 0))
+        self._panel(canvas.surface.get_width() + MARGIN)
+        foot = canvas.surface.get_height() + FOOT // 3
+        self._text(game.message or HELP, (MARGIN, foot), NEGATIVE if game.message else GREY, self._small)
+
+    def _panel(self, left: int) -> None:
+        game, setting = self.game, self.game.setting
+        flown = "by hand" if game.by_hand else "by the agent"
+        state = "paused" if self.paused else f"flown {flown}"
+        lines = [
+            (f"{state}, {game.distance:.2f} u to the goal", BLACK),
+            (f"C   context code: {setting.context_size or 'none'}", PLAN),
+            (f"P   planner: {'evolutionary (CEM)' if setting.planner == 'cem' else 'gradient-based'}", PLAN),
+            (f"B   beta, weight on uncertainty: {setting.beta:g}", PLAN),
+            (f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}", PLAN),
+            (f"W   world: {game.world}", PLAN),
+            (f"M   map in colours: {_on(self.shown.map) if setting.context_size else 'there is none'}", PLAN),
+            (f"H   candidates: {_on(self.shown.candidates)}", PLAN),
+            (f"V   view: {_on(self.shown.view)}", PLAN),
+        ]
+        for number, (line, color) in enumerate(lines):
+            self._text(line, (left, MARGIN + 25 * number), color, self._font)
+        top = MARGIN + 25 * len(lines) + 12
+        if self.shown.view:
+            top = self._view(left, top)
+        if setting.context_size:
+            self._bars(left, top)
+
+    def _view(self, left: int, top: int) -> int:
+        """A tile for each channel, side by side; returns where the next thing goes."""
+        view, names = self.game.view, self.game.layout.channels
+        self._text("what the vehicle sees", (left, top), GREY, self._small)
+        side = min(110, (PANEL - 2 * MARGIN) // len(names) - 6)
+        for number, (channel, name) in enumerate(zip(view, names, strict=True)):
+            shades = np.where(channel[::-1].T, 60, 235).astype(np.uint8)
+            tile = pygame.surfarray.make_surface(np.repeat(shades[..., None], 3, axis=2))
+            place = (left + number * (side + 6), top + 18)
+            self.screen.blit(pygame.transform.scale(tile, (side, side)), place)
+            self._text(name, (place[0], place[1] + side + 3), GREY, self._small)
+        return top + side + 50
+
+    def _bars(self, left: int, top: int) -> None:
+        """The context code where the vehicle is."""
+        code = self.game.code
+        self._text("context code there", (left, top), GREY, self._small)
+        middle, half = left + 130, 90
+        longest = max(0.2, float(np.abs(code).max()))
+        for number, value in enumerate(code):
+            row = top + 22 + min(20, 170 // len(code)) * number
+            width = round(half * float(value) / longest)
+            bar = pygame.Rect(min(middle, middle + width), row, max(1, abs(width)), max(3, min(14, 140 // len(code))))
+            pygame.draw.rect(self.screen, POSITIVE if value > 0 else NEGATIVE, bar)
+            if len(code) <= 8:
+                self._text(f"{value:+.2f}".replace("-", "−"), (left, row - 1), BLACK, self._small)
+        pygame.draw.line(self.screen, GREY, (middle, top + 18), (middle, top + 24 + 170), 1)
+
+    def _text(self, text: str, place: tuple[int, int], color: tuple[int, int, int], font: pygame.font.Font) -> None:
+        self.screen.blit(font.render(text, True, color), place)
+
+    def _point(self, pixel: tuple[int, int]) -> tuple[float, float]:
+        """The point of the arena under a pixel, u."""
+        return pixel[0] / SCALE, self.game.layout.size[1] - pixel[1] / SCALE
+
+    def _in_arena(self, pixel: tuple[int, int]) -> bool:
+        (x, y), (width, height) = self._point(pixel), self.game.layout.size
+        return 0 <= x <= width and 0 <= y <= height
+
+
+def _next(options: Sequence[T], now: T) -> T:
+    """The option after the present one; the first where that is none of them."""
+    return options[(options.index(now) + 1) % len(options)] if now in options else options[0]
+
+
+def _on(shown: bool) -> str:
+    return "shown" if shown else "hidden"
+
+
+def main() -> None:
+    """`affmap-play`: fly the vehicle, or watch a trained agent imagine and fly."""
+    parser = argparse.ArgumentParser(prog="affmap-play", description=main.__doc__)
+    known = ", ".join(experiments())
+    parser.add_argument(
+        "source", nargs="?", default="exp1", help=f"a report's folder, or one of {known} (default: exp1)"
+    )
+    parser.add_argument("--world", help="a layout of conf/layout, by default that of the experiment")
+    parser.add_argument("--context-size", type=int, help="by default the largest there is")
+    chosen = parser.parse_args()
+    sys.argv[1:] = []
+    command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run())

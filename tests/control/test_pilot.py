@@ -1,0 +1,62 @@
+"""One agent, step by step: against the same agent among many runs at once."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import affmap
+from affmap.control.episodes import control
+from affmap.control.pilot import Pilot
+from affmap.env.physics import Vehicle
+from affmap.random import integer
+
+LAYOUT = affmap.Layout.load("layout", "two_obstacles")
+
+
+@pytest.mark.parametrize("planner", ["cem", "gradient"])
+def test_a_pilot_flies_as_an_agent_among_others(planner: str) -> None:
+    """`control` with the same seeds: actions and expected paths, through Gymnasium's own interface."""
+    agent = affmap.load("exp1", members=(4,), planner=planner)
+    settings = agent.settings.model_copy(update={"num_steps": 12})
+    runs = control(agent.elsewhere([LAYOUT.map]), [LAYOUT], Vehicle.load("vehicle", "default"), settings)
+    env = gymnasium.make("affmap/Vehicle-v0", layout=LAYOUT)
+    observation, _ = env.reset(seed=integer(4, "start and goal", 0), options={"corner": 0})
+    pilot = Pilot(agent, LAYOUT, seed=4)
+    for step in range(12):
+        action = pilot(observation)
+        np.testing.assert_allclose(action, runs.trajectories["action"][0, step], atol=1e-4)
+        thought = pilot.thought
+        np.testing.assert_allclose(thought.path, runs.trajectories["planned_position"][0, step], atol=1e-3)
+        np.testing.assert_allclose(thought.std, runs.trajectories["planned_std"][0, step], rtol=1e-2)
+        observation, *_ = env.step(action)
+
+
+def test_the_candidates_are_those_of_the_last_iteration() -> None:
+    """50 drawn and 2 kept; the best of them is the plan."""
+    agent = affmap.load("exp1")
+    env = affmap.VehicleEnv(LAYOUT)
+    observation, _ = env.reset(seed=0)
+    pilot = Pilot(agent, LAYOUT)
+    with pytest.raises(ValueError, match="has not acted yet"):
+        _ = pilot.thought
+    pilot(observation)
+    thought = pilot.thought
+    assert thought.candidates.shape == (52, agent.planner.horizon, 2) and thought.costs.shape == (52,)
+    np.testing.assert_allclose(thought.candidates[thought.costs.argmin()], thought.path, atol=1e-5)
+
+
+def test_a_pilot_that_is_reset_flies_as_a_new_one() -> None:
+    agent, env = affmap.load("exp1", planner="cem"), affmap.VehicleEnv(LAYOUT)
+    observation, _ = env.reset(seed=0)
+    pilot = Pilot(agent, LAYOUT)
+    first = pilot(observation)
+    assert not np.array_equal(pilot(observation), first)
+    pilot.reset()
+    np.testing.assert_array_equal(pilot(observation), first)
+
+
+def test_a_pilot_is_one_member_and_sees_its_world() -> None:
+    with pytest.raises(ValueError, match=r"this agent has \[0, 1\]"):
+        Pilot(affmap.load("exp1", members=(0, 1)), LAYOUT)
+    with pytest.raises(ValueError, match="the agent was trained with 4"):
+        Pilot(affmap.load("exp5"), LAYOUT)

@@ -1,0 +1,99 @@
+"""The game without a window: what the player does has the effect that it should have, and nothing else."""
+
+import numpy as np
+import pytest
+
+from affmap.play.game import Game
+from affmap.settings import ConfigError
+
+
+@pytest.fixture
+def game() -> Game:
+    return Game("exp1")
+
+
+def test_the_agent_arrives(game: Game) -> None:
+    """Experiment I's agents do, in its world: within 120 steps."""
+    for _ in range(120):
+        game.step()
+    assert game.distance < 0.1 and len(game.past) == 121 and game.thought is not None
+
+
+def test_a_new_goal_is_flown_to(game: Game) -> None:
+    game.set_goal((1.5, 1.0))
+    for _ in range(80):
+        game.step()
+    assert np.hypot(*(game.past[-1] - (1.5, 1.0))) < 0.15
+    game.set_goal((99.0, -1.0))
+    assert game.env.goal.tolist() == [3.0, 0.0]
+
+
+def test_the_player_flies_by_hand(game: Game) -> None:
+    """The two throttles that push to the right, then none that thinks."""
+    game.enter("original")
+    game.by_hand, start = True, game.past[0]
+    game.throttles = np.array([1.0, 0.0, 0.0, 1.0]) if start[0] < 1.5 else np.array([0.0, 1.0, 1.0, 0.0])
+    for _ in range(10):
+        game.step()
+    assert abs(game.past[-1][0] - start[0]) > 0.2 and abs(game.past[-1][1] - start[1]) < 1e-6
+    assert game.thought is None
+
+
+def test_while_paused_the_agent_thinks_and_does_not_move(game: Game) -> None:
+    game.step(paused=True)
+    assert game.thought is not None and len(game.past) == 1
+
+
+def test_everything_about_the_agent_can_be_changed_in_flight(game: Game) -> None:
+    """The vehicle stays where it is; the agent is another one."""
+    game.step()
+    place = game.past[-1]
+    for size in (0, 1, 3, 5, 8):
+        game.change(context_size=size)
+        assert game.code.shape == (size,) and (game.ground is None) == (size == 0)
+    codes = {}
+    for lookup in ("map", "exact"):
+        game.change(lookup=lookup)
+        codes[lookup] = game.code
+    np.testing.assert_allclose(codes["map"], codes["exact"], atol=0.1)
+    game.change(planner="gradient", beta=100.0)
+    game.step(paused=True)
+    assert game.thought is not None and len(game.thought.candidates) == 1
+    assert game.past[-1] is place and game.setting.beta == 100
+
+
+def test_a_circle_can_be_moved_and_map_and_view_with_it(game: Game) -> None:
+    """The obstacle goes to the middle: what is seen and flown around is there; what was there is free."""
+    game.step()
+    number = game.circle_at((0.75, 0.5))
+    assert number is not None and game.circle_at((1.5, 1.0)) is None
+    before = game.ground
+    assert before is not None
+    game.move_circle(number, (1.5, 1.0))
+    assert game.circle_at((1.5, 1.0)) == number and game.circle_at((0.75, 0.5)) is None
+    assert game.ground is not None and not np.allclose(game.ground[25, 37], before[25, 37])
+    np.testing.assert_allclose(game.ground[2, 70], before[2, 70])  # far from it
+    middles = game.env.probe([[1.5, 1.0], [0.75, 0.5]])[:, 0, 5, 5]
+    assert middles.tolist() == [True, False]
+    assert game.layout.map != game.env.layout.load("layout", "original").map
+
+
+def test_a_circle_that_would_cover_a_corner_or_the_vehicle_stays(game: Game) -> None:
+    place = game.layout.circles[0].center
+    for point in ((0.05, 0.05), tuple(game.past[-1])):
+        game.move_circle(0, point)
+        assert game.layout.circles[0].center == place and "may cover neither" in game.message
+    game.move_circle(0, (1.5, 1.0))
+    assert game.message == ""
+
+
+def test_worlds_are_those_that_the_models_can_see() -> None:
+    game = Game("exp5")
+    assert game.world == "four_properties" and "original" not in game.worlds
+    for world in game.worlds:
+        game.enter(world)
+        game.step()
+    with pytest.raises(ConfigError, match="'original' is not one that these models can see: four_properties"):
+        Game("exp5", "original")
+    with pytest.raises(ConfigError, match="none of 7"):
+        Game("exp1", context_size=7)

@@ -1,0 +1,140 @@
+"""The window on a virtual screen: keys, mouse and what is drawn."""
+
+import sys
+
+import numpy as np
+import pygame
+import pytest
+
+from affmap.env.rendering import GOAL, VEHICLE, WHITE
+from affmap.play import window
+from affmap.play.game import Game
+from affmap.play.window import SCALE, Window
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> Window:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    return Window(Game("exp1"))
+
+
+def press(shown: Window, *keys: int) -> None:
+    for key in keys:
+        shown.handle(pygame.event.Event(pygame.KEYDOWN, key=key))
+
+
+def mouse(shown: Window, kind: int, x: float, y: float) -> None:
+    """At a point of the arena, u."""
+    place = (round(x * SCALE), round((2 - y) * SCALE))
+    shown.handle(pygame.event.Event(kind, pos=place, button=1))
+
+
+def pixel(shown: Window, x: float, y: float) -> tuple[int, ...]:
+    return tuple(shown.screen.get_at((round(x * SCALE), round((2 - y) * SCALE))))[:3]
+
+
+def test_what_is_drawn_is_where_it_is(shown: Window) -> None:
+    """Golden colours at the vehicle, the goal and an obstacle, with the map and without."""
+    shown.advance()
+    shown.draw()
+    assert pixel(shown, *shown.game.past[-1]) == VEHICLE and pixel(shown, *shown.game.env.goal) == GOAL
+    assert pixel(shown, 1.5, 1.0) != WHITE
+    press(shown, pygame.K_m)
+    shown.draw()
+    assert pixel(shown, 0.75, 0.5) == (0x8C, 0x8C, 0x8C)
+
+
+def test_the_map_is_the_right_way_up(shown: Window) -> None:
+    """Against the colours of its nodes."""
+    press(shown, pygame.K_SPACE)
+    shown.draw()
+    ground = shown.game.ground
+    assert ground is not None
+    for x, y in ((1.0, 0.08), (1.0, 1.92), (0.08, 1.2), (2.92, 1.2)):
+        node = ground[round(y / 2 * (len(ground) - 1)), round(x / 3 * (ground.shape[1] - 1))]
+        np.testing.assert_allclose(np.array(pixel(shown, x, y)) / 255, node, atol=0.15)
+
+
+def test_the_view_is_the_right_way_up(shown: Window) -> None:
+    """In the lower left corner the borders are on the left and below."""
+    game = shown.game
+    while game.past[-1][0] > 1.5 or game.past[-1][1] > 1.0:
+        game.reset()
+    left = round(3 * SCALE) + window.MARGIN
+    shown.draw()
+    top = window.MARGIN + 25 * 9 + 12 + 18
+    shade = {place: shown.screen.get_at((left + place[0], top + place[1]))[0] for place in ((3, 106), (106, 3), (3, 3))}
+    assert shade[3, 106] == 60, "the corner itself"
+    assert shade[106, 3] == 235, "the open side"
+
+
+def test_keys_change_what_they_say(shown: Window) -> None:
+    game = shown.game
+    for key, attribute, values in (
+        (pygame.K_c, "context_size", [0, 1, 3, 5, 8]),
+        (pygame.K_p, "planner", ["gradient", "cem"]),
+        (pygame.K_b, "beta", [10.0, 100.0, 0.0, 1.0]),
+        (pygame.K_l, "lookup", ["exact", "map"]),
+    ):
+        for value in values:
+            press(shown, key)
+            assert getattr(game.setting, attribute) == value
+            shown.advance()
+            shown.draw()
+    for key, attribute in ((pygame.K_m, "map"), (pygame.K_h, "candidates"), (pygame.K_v, "view")):
+        press(shown, key)
+        assert not getattr(shown.shown, attribute)
+        shown.draw()
+    press(shown, pygame.K_w)
+    assert game.world == "twelve_obstacles"
+    steps = len(game.past)
+    press(shown, pygame.K_SPACE)
+    shown.advance()
+    assert len(game.past) == steps and shown.paused
+    press(shown, pygame.K_UP)
+    assert game.by_hand
+    press(shown, pygame.K_RETURN)
+    assert not game.by_hand
+    press(shown, pygame.K_r)
+    assert len(game.past) == 1
+    press(shown, pygame.K_ESCAPE)
+    assert not shown.open
+
+
+def test_a_click_is_a_goal_and_a_drag_moves_a_circle(shown: Window) -> None:
+    game = shown.game
+    mouse(shown, pygame.MOUSEBUTTONDOWN, 1.5, 1.0)
+    mouse(shown, pygame.MOUSEBUTTONUP, 1.5, 1.0)
+    np.testing.assert_allclose(game.env.goal, (1.5, 1.0), atol=1 / SCALE)
+    mouse(shown, pygame.MOUSEBUTTONDOWN, 0.75, 0.5)
+    mouse(shown, pygame.MOUSEMOTION, 1.0, 1.0)
+    shown.advance()
+    assert len(game.past) == 1, "it waits while a circle is held"
+    mouse(shown, pygame.MOUSEBUTTONUP, 1.0, 1.0)
+    mouse(shown, pygame.MOUSEMOTION, 2.0, 1.0)
+    np.testing.assert_allclose(game.layout.circles[0].center, (1.0, 1.0), atol=1 / SCALE)
+    shown.handle(pygame.event.Event(pygame.MOUSEBUTTONDOWN, pos=(3 * SCALE + 20, 100), button=1))
+    np.testing.assert_allclose(game.env.goal, (1.5, 1.0), atol=1 / SCALE)  # the panel is no place to fly to
+
+
+def test_the_command_opens_a_window_and_closes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A few frames, then the window's own button."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(sys, "argv", ["affmap-play", "exp4", "--context-size", "8"])
+    frames = 0
+
+    def events() -> list[pygame.event.Event]:
+        nonlocal frames
+        frames += 1
+        return [pygame.event.Event(pygame.QUIT)] if frames == 5 else []
+
+    monkeypatch.setattr(pygame.event, "get", events)
+    window.main()
+    assert frames == 5
+
+
+def test_a_mistake_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["affmap-play", "exp4", "--world", "mars"])
+    with pytest.raises(SystemExit) as leaving:
+        window.main()
+    assert leaving.value.code == 2 and "'mars' is not one that these models can see: fog" in capsys.readouterr().err

@@ -1,0 +1,85 @@
+"""Films: read back, against the flights that they show."""
+
+import sys
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+import affmap
+from affmap import filming
+from affmap.env.rendering import GOAL, VEHICLE
+
+
+def render(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["affmap-render", *arguments])
+    try:
+        filming.main()
+    except SystemExit as leaving:
+        return int(leaving.code or 0)
+    return 0
+
+
+def test_a_frame_shows_the_vehicle_where_it_was() -> None:
+    """Two context sizes side by side, from the same start, to the same goal: golden colours at recorded places."""
+    frames = list(filming.film("exp1", [0, 8], member=1, run=2, num_steps=8, with_map=False))
+    assert len(frames) == 8
+    left = {0: 0, 8: 3 * filming.SCALE + filming.GAP}
+    for size in (0, 8):
+        agent = affmap.load("exp1", context_size=size, members=[1])
+        agent.settings = agent.settings.model_copy(update={"num_steps": 8})
+        flight = affmap.fly(agent, "original").trajectories
+        for step in (0, 7):
+            for point, color in ((flight["position"][2, step], VEHICLE), (flight["goal"][2], GOAL)):
+                row, column = round((2 - point[1]) * filming.SCALE) + filming.HEAD, round(point[0] * filming.SCALE)
+                assert tuple(frames[step][row, left[size] + column]) == color
+
+
+def test_a_gif_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames and their time: every second of ten steps of a thirtieth of a second."""
+    path = tmp_path / "new" / "flight.gif"
+    arguments = ["exp4", "--steps", "10", "--every", "2", "--context-size", "8", "--output", str(path)]
+    assert render(monkeypatch, *arguments) == 0
+    frames = imageio.imread(path)
+    assert frames.shape == (5, 2 * filming.SCALE + filming.HEAD, 3 * filming.SCALE, 3)
+    assert imageio.immeta(path)["duration"] == pytest.approx(1000 / 15, abs=10)
+    assert not np.array_equal(frames[0], frames[-1])
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio's, about pipes to ffmpeg
+def test_a_video_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "flight.mp4"
+    assert render(monkeypatch, "--steps", "5", "--context-size", "0", "--plain", "--output", str(path)) == 0
+    assert len(imageio.imread(path)) == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--output", "flight.avi"], "should end in .gif or .mp4"),
+        (["--steps", "0"], "--steps 0 should be 1 or more"),
+        (["--context-size", "4"], "none of 4"),
+        (["--layout", "mars"], "conf/layout/mars.yaml does not exist"),
+        (["exp9"], "exp9 is neither"),
+    ],
+)
+def test_a_mistake_is_told(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert render(monkeypatch, *arguments) == 2
+    assert told in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_a_video_without_its_package_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(filming, "find_spec", lambda _: None)
+    assert render(monkeypatch, "--output", "flight.mp4") == 2
+    assert "pip install 'affmap[video]'" in capsys.readouterr().err
