@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish bench test slow check format clean
+.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish play bench test slow check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -53,6 +53,9 @@ tune: $(READY)  ## are the paper's learning rates and planners near the best? Th
 publish: paper  ## keep the reports and models of all experiments in runs/reference
 	for name in $(EXPERIMENTS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
 	$(BIN)/affmap-paper $(SETTINGS) --publish
+
+play: $(READY)  ## a window in which to fly, or watch a trained agent imagine and fly
+	$(BIN)/affmap-play $(ARGS)
 
 bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 5 minutes)
 	$(VENV)-bench/bin/python -W ignore tests/benchmarks $(ARGS)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pygame
+import torch
 
 from affmap.colors import Palette
 from affmap.command import command
@@ -139,6 +140,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("flight.gif"), help="a .gif or .mp4 (default: flight.gif)")
     chosen = parser.parse_args()
     sys.argv[1:] = []
+    torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
     command(lambda _: _render(chosen))
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pygame
+import torch
 
 from affmap.command import command
 from affmap.env.rendering import BLACK, PLAN, WHITE, Canvas, Scene
@@ -222,4 +223,5 @@ def main() -> None:
     parser.add_argument("--context-size", type=int, help="by default the largest there is")
     chosen = parser.parse_args()
     sys.argv[1:] = []
+    torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
     command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run())
