@@ -16,12 +16,12 @@ VEHICLE, THROTTLE, GOAL, PLAN = (0, 140, 70), (30, 90, 220), (220, 40, 40), (30,
 
 
 class Canvas:
-    """A picture of one world, drawn anew each time; rows go downward, as pictures do."""
+    """A picture of a world, drawn anew each time; rows go downward, as pictures do."""
 
-    def __init__(self, layout: Layout, vehicle: Vehicle, window: bool) -> None:
-        """Prepare a picture of the arena; with `window`, `show` puts it on the screen."""
-        self._layout, self._vehicle = layout, vehicle
-        width, height = (round(length * PIXELS_PER_UNIT) for length in layout.size)
+    def __init__(self, size: tuple[float, float], vehicle: Vehicle, window: bool) -> None:
+        """Prepare pictures of arenas of `size` (u); with `window`, `show` puts them on the screen."""
+        self._height, self._vehicle = size[1], vehicle
+        width, height = (round(length * PIXELS_PER_UNIT) for length in size)
         self._surface = pygame.Surface((width, height))
         self._window: pygame.Surface | None = None
         if window:
@@ -32,6 +32,7 @@ class Canvas:
 
     def draw(
         self,
+        layout: Layout,
         position: np.ndarray,
         action: np.ndarray,
         goal: np.ndarray,
@@ -41,6 +42,7 @@ class Canvas:
         """Draw everything once.
 
         Args:
+            layout: the world.
             position: `[2]`, u.
             action: `[4]`, opening of the throttles.
             goal: `[2]`, u.
@@ -49,7 +51,7 @@ class Canvas:
         """
         self._surface.fill(WHITE)
         layers = list(EFFECTS)
-        for circle in sorted(self._layout.circles, key=lambda circle: layers.index(circle.effect)):
+        for circle in sorted(layout.circles, key=lambda circle: layers.index(circle.effect)):
             self._disc(EFFECTS[circle.effect].color, np.array(circle.center), circle.radius)
         pygame.draw.rect(self._surface, BLACK, self._surface.get_rect(), width=2)
         self._disc(GOAL, goal, goal_radius, width=2)
@@ -86,7 +88,7 @@ class Canvas:
 
     def _pixel(self, point: np.ndarray) -> tuple[int, int]:
         x, y = point
-        return round(x * PIXELS_PER_UNIT), round((self._layout.size[1] - y) * PIXELS_PER_UNIT)
+        return round(x * PIXELS_PER_UNIT), round((self._height - y) * PIXELS_PER_UNIT)
 
     def _disc(self, color: tuple[int, int, int] | str, center: np.ndarray, radius: float, width: int = 0) -> None:
         pygame.draw.circle(self._surface, color, self._pixel(center), max(1, round(radius * PIXELS_PER_UNIT)), width)

@@ -64,7 +64,7 @@ def test_without_views_all_else_is_the_same() -> None:
 
 
 def test_it_is_registered_once() -> None:
-    """Registering again (Gymnasium's plugin entry point does) changes nothing and does not warn."""
+    """Registering again changes nothing and does not warn."""
     spec = gymnasium.registry["affmap/Vehicle-v0"]
     affmap.env.register()
     assert gymnasium.registry["affmap/Vehicle-v0"] is spec
