@@ -98,6 +98,8 @@ class Config(Settings):
     """Folder of the reference run's stages."""
     versions: Literal["same", "any"]
     """Whether stages that other versions of packages have made may be used."""
+    logger: Literal["csv", "tensorboard"]
+    """Whether TensorBoard can watch trainings; their tables are always written."""
     sweep: Mapping[Line, Choices]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
     objective: Literal["validation_nll", "mean_distance", "success"] | None
