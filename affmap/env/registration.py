@@ -8,7 +8,6 @@ import sys
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
 from types import ModuleType
 
 ENTRY_POINT = "affmap.env.vehicle:VehicleEnv"
@@ -46,21 +45,25 @@ def register_when_needed() -> None:
 
 
 class _AfterGymnasium(MetaPathFinder):
-    """Waits for the import of Gymnasium, lets others do it, and registers."""
+    """Waits for the import of Gymnasium, lets others do it, registers, and is gone.
+
+    Who only asks whether Gymnasium is there gets the same answer, and imports nothing.
+    """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         if fullname != "gymnasium":
             return None
-        sys.meta_path.remove(self)
-        spec = find_spec(fullname)
+        others = (finder for finder in sys.meta_path if not isinstance(finder, _AfterGymnasium))
+        spec = next(filter(None, (finder.find_spec(fullname, path, target) for finder in others)), None)
         if spec is not None and spec.loader is not None:
             execute = spec.loader.exec_module
 
             def execute_and_register(module: ModuleType) -> None:
                 execute(module)
                 register()
+                sys.meta_path.remove(self)
 
             spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
         return spec

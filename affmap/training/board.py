@@ -1,6 +1,6 @@
 """The losses of a training for TensorBoard to draw while it lasts (extra `[tensorboard]`).
 
-They are those of the table that every training leaves, summed up over members.
+They are those of the table that every training leaves; of its many members, what a look can take in.
 """
 
 from pathlib import Path

@@ -74,6 +74,7 @@ def test_every_environment_can_be_made_and_passes_gymnasium_s_checker(name: str,
         "import affmap, gymnasium",
         "import gymnasium, affmap",
         "import affmap, importlib; importlib.reload(affmap); import gymnasium",
+        "import affmap, importlib.util; assert importlib.util.find_spec('gymnasium'); import gymnasium",
         "import gymnasium; gymnasium.make('affmap:affmap/Fog-v0')",
     ],
 )
