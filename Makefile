@@ -71,7 +71,7 @@ $(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requiremen
 test: $(READY)  ## run the tests
 	$(BIN)/python -m pytest
 
-slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters: Ray, submitit, a stand-in of SLURM
+slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters (Ray, submitit, a stand-in of SLURM); train PPO
 	$(VENV)-slow/bin/python -m pytest -m slow
 
 # Ray's launcher wants older versions of some packages that no number depends on.
@@ -80,7 +80,7 @@ $(VENV)-slow/.ready: pyproject.toml constraints.txt
 	grep -vE '^(cloudpickle|joblib|python-dateutil)==' constraints.txt > $(VENV)-slow/constraints.txt
 	export PIP_CONSTRAINT=$(VENV)-slow/constraints.txt PIP_BUILD_CONSTRAINT=$(VENV)-slow/constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
 	$(VENV)-slow/bin/python -m pip install --quiet torch && \
-	$(VENV)-slow/bin/python -m pip install --quiet --editable '.[dev,ray,slurm]'
+	$(VENV)-slow/bin/python -m pip install --quiet --editable '.[dev,ray,rl,slurm]'
 	touch $@
 
 check: $(READY)  ## lint, format, types, import graph

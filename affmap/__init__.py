@@ -1,32 +1,69 @@
 """Affordance maps and active inference in simulated agents.
 
-Importing it registers the environment `affmap/Vehicle-v0` with Gymnasium. What needs torch is imported on first use.
+Importing it makes the environments known to Gymnasium (`affmap/Vehicle-v0` and one for each layout), whichever of the
+two is imported first. All else is imported on first use.
 """
 
-from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
-from affmap.env import Circle, Layout, Vehicle, VehicleEnv
+from affmap.env.registration import register_when_needed
+from affmap.lazy import on_first_use
 
-_ON_FIRST_USE = {
-    "AffordanceMap": "affmap.model.lookup",
-    "Agent": "affmap.control.agent",
-    "CEMPlanner": "affmap.planning.cem",
-    "ExactLookup": "affmap.model.lookup",
-    "fly": "affmap.control.episodes",
-    "GradientPlanner": "affmap.planning.gradient",
-    "load": "affmap.loading",
-    "Pilot": "affmap.control.pilot",
-    "Stack": "affmap.model.stack",
-    "expected_free_energy": "affmap.planning.objective",
-    "rollout": "affmap.model.world",
-}
+if TYPE_CHECKING:
+    from affmap.control.agent import Agent
+    from affmap.control.episodes import fly
+    from affmap.control.pilot import Pilot
+    from affmap.env.layout import Circle, Layout
+    from affmap.env.physics import Vehicle
+    from affmap.env.procedural import Procedural
+    from affmap.env.vehicle import VehicleEnv
+    from affmap.loading import load
+    from affmap.model.lookup import AffordanceMap, ExactLookup
+    from affmap.model.stack import Stack
+    from affmap.model.world import rollout
+    from affmap.planning.cem import CEMPlanner
+    from affmap.planning.gradient import GradientPlanner
+    from affmap.planning.objective import expected_free_energy
 
-__all__ = ["Circle", "Layout", "Vehicle", "VehicleEnv", *_ON_FIRST_USE]
+__all__ = [
+    "AffordanceMap",
+    "Agent",
+    "CEMPlanner",
+    "Circle",
+    "ExactLookup",
+    "GradientPlanner",
+    "Layout",
+    "Pilot",
+    "Procedural",
+    "Stack",
+    "Vehicle",
+    "VehicleEnv",
+    "expected_free_energy",
+    "fly",
+    "load",
+    "rollout",
+]
 
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "AffordanceMap": "affmap.model.lookup",
+        "Agent": "affmap.control.agent",
+        "CEMPlanner": "affmap.planning.cem",
+        "Circle": "affmap.env.layout",
+        "ExactLookup": "affmap.model.lookup",
+        "GradientPlanner": "affmap.planning.gradient",
+        "Layout": "affmap.env.layout",
+        "Pilot": "affmap.control.pilot",
+        "Procedural": "affmap.env.procedural",
+        "Stack": "affmap.model.stack",
+        "Vehicle": "affmap.env.physics",
+        "VehicleEnv": "affmap.env.vehicle",
+        "expected_free_energy": "affmap.planning.objective",
+        "fly": "affmap.control.episodes",
+        "load": "affmap.loading",
+        "rollout": "affmap.model.world",
+    },
+)
 
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _ON_FIRST_USE:
-        raise AttributeError(f"module 'affmap' has no attribute {name!r}")
-    return getattr(import_module(_ON_FIRST_USE[name]), name)
+register_when_needed()

@@ -18,7 +18,7 @@ from affmap.control.agent import ControlSettings
 from affmap.data.collect import Exploration
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
-from affmap.env.procedural import Procedural
+from affmap.env.procedural import Procedural, is_procedural
 from affmap.errors import shown
 from affmap.memory import LIMIT_GIB, demands
 from affmap.model.lookup import LookupSettings
@@ -27,7 +27,7 @@ from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.random import generator
 from affmap.report.settings import ReportSettings
-from affmap.settings import ConfigError, Count, Folder, Line, Name, Seed, Settings, read
+from affmap.settings import ConfigError, Count, Folder, Line, Name, Seed, Settings
 from affmap.stage import Stage
 from affmap.store import Store
 from affmap.training.settings import TrainingSettings
@@ -37,14 +37,14 @@ L = TypeVar("L", Layout, Procedural)
 
 def _layout(name: Any) -> Any:
     """The layout of `conf/layout/<name>.yaml`; whatever is no name is left to the next check."""
-    if isinstance(name, str) and _is_procedural(name):
+    if isinstance(name, str) and is_procedural(name):
         raise ValueError("is procedural, which only control_layout may be; name a fixed layout")
     return _named(Layout, name) if isinstance(name, str) else name
 
 
 def _any_layout(name: Any) -> Any:
     """The same, fixed or procedural."""
-    if isinstance(name, str) and _is_procedural(name):
+    if isinstance(name, str) and is_procedural(name):
         return _named(Procedural, name)
     return _layout(name)
 
@@ -54,10 +54,6 @@ def _named(kind: type[L], name: str) -> L:
     if layout.name != name:  # reports would take it for another
         raise ConfigError(f"conf/layout/{name}.yaml: name = {layout.name!r} must be that of the file, {name!r}.")
     return layout
-
-
-def _is_procedural(name: str) -> bool:
-    return "properties" in read("layout", name)
 
 
 def _kind(layout: Any) -> str:
@@ -102,6 +98,8 @@ class Config(Settings):
     """Folder of the reference run's stages."""
     versions: Literal["same", "any"]
     """Whether stages that other versions of packages have made may be used."""
+    logger: Literal["csv", "tensorboard"]
+    """Whether TensorBoard can watch trainings; their tables are always written."""
     sweep: Mapping[Line, Choices]
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
     objective: Literal["validation_nll", "mean_distance", "success"] | None

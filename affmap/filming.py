@@ -80,14 +80,14 @@ def _pictures(
     layout: Layout, flight: Mapping[str, np.ndarray], ground: np.ndarray | None, goal_radius: float, title: str
 ) -> Iterator[Frame]:
     """One flight; `flight` holds what `Runs.trajectories` has of it."""
-    canvas = Canvas(layout, Vehicle.load("vehicle", "default"), window=False, pixels_per_unit=SCALE)
+    canvas = Canvas(layout.size, Vehicle.load("vehicle", "default"), window=False, pixels_per_unit=SCALE)
     pygame.font.init()
     font = pygame.font.Font(None, HEAD)
     for step, action in enumerate(flight["action"]):
         path, std = (flight[key][step] for key in ("planned_position", "planned_std"))
         position, goal = flight["position"][step], flight["goal"]
         past = flight["position"][: step + 1]
-        canvas.draw(Scene(position, action, goal, goal_radius, path=path, std=std, past=past, ground=ground))
+        canvas.draw(Scene(layout, position, action, goal, goal_radius, path, std, past=past, ground=ground))
         distance = float(np.hypot(*(position - goal)))
         line = font.render(f"{title}: step {step}, {distance:.2f} u to the goal", True, BLACK)
         head = pygame.Surface((canvas.surface.get_width(), HEAD))

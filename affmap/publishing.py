@@ -13,8 +13,8 @@ from affmap.sweep import Sweep
 from affmap.training.settings import VALIDATION
 from hydra_plugins.hyperopt_sweeper._trials import RESULTS
 
-WITHOUT = ("*.pdf", "*.html")
-"""Files that are not kept: the report's own PDF, which is, has the vector figures, and the page has all figures."""
+WITHOUT = ("*.pdf", "*.html", "tensorboard")
+"""Not kept: vector figures are in the report's own PDF, which is; all figures in the page; all losses in the tables."""
 
 
 def publish() -> None:

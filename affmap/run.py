@@ -22,7 +22,7 @@ from affmap.reporting import check_output, digests
 from affmap.search import Search
 from affmap.settings import ConfigError, folder
 from affmap.stage import StoreError
-from affmap.stages import check_models, check_trials, find, is_complete, run, score
+from affmap.stages import check_logger, check_models, check_trials, find, is_complete, run, score
 from affmap.sweep import Sweep
 from hydra_plugins.hyperopt_sweeper._space import TrialError
 
@@ -31,7 +31,7 @@ log = logging.getLogger("affmap")
 HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
 """Hydra's own flags that print something and run nothing."""
 
-IRRELEVANT = ("threads", "versions", "store", "reference", "output", "title", "notice")
+IRRELEVANT = ("threads", "versions", "logger", "store", "reference", "output", "title", "notice")
 """Keys that change no result of a trial."""
 
 
@@ -61,6 +61,7 @@ def _run(arguments: list[str]) -> None:
 def _run_search(search: Search) -> None:
     """Make the trials of a search that have not been made."""
     check_output(search.config.output, ())
+    check_logger(search.config)
     sweep.note(search.config.output, search.overrides)
     same = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
     search.folder.mkdir(parents=True, exist_ok=True)
@@ -93,6 +94,7 @@ def _run_sweep(asked: Sweep) -> None:
     for config in asked.configs:
         check_models(config)
         check_trials(config)
+        check_logger(config)
     sweep.note(first.output, asked.overrides)
     arguments = [*(["-m"] if sweep.is_sweep(asked.overrides) else []), *asked.overrides]
     problem = _launch(arguments)

@@ -6,6 +6,7 @@ Puts the package's parts together; knows no command lines.
 import json
 import logging
 from collections.abc import Sequence
+from importlib.util import find_spec
 from itertools import repeat
 from pathlib import Path
 
@@ -69,10 +70,11 @@ def run(config: Config) -> Job:
     """Bring all stages of a job to completion; returns where they are.
 
     Raises:
-        ConfigError: there are no models for it, or models of several trials.
+        ConfigError: there are no models for it, or models of several trials; or a package is missing.
     """
     check_models(config)
     check_trials(config)
+    check_logger(config)
     store = config.open_store()
     data, train = _models(config, store)
     painted = store.ensure(config.map_stage, lambda work: _paint(config, train, work))
@@ -88,9 +90,10 @@ def validation(config: Config) -> np.ndarray:
     single epochs that stand out; NaN where a member is lost.
 
     Raises:
-        ConfigError: there are no models for it.
+        ConfigError: there are no models for it; or a package is missing.
     """
     check_models(config)
+    check_logger(config)
     _, train = _models(config, config.open_store())
     table = pd.read_csv(train / VALIDATION).query(f"epoch == {config.training.num_epochs}")
     losses = table["validation_nll"].to_numpy().reshape(-1, config.members)
@@ -104,7 +107,7 @@ def score(config: Config) -> float | list[float]:
     runs (u), or the share of successful runs.
 
     Raises:
-        ConfigError: there are no models for it; or trials fly.
+        ConfigError: there are no models for it; or trials fly; or a package is missing.
     """
     if config.objective == "validation_nll":
         values = validation(config)
@@ -147,6 +150,19 @@ def check_models(config: Config) -> None:
         )
 
 
+def check_logger(config: Config) -> None:
+    """Make sure that what logs trainings is installed.
+
+    Raises:
+        ConfigError: it is not.
+    """
+    if config.logger == "tensorboard" and not find_spec("tensorboard"):
+        raise ConfigError(
+            "logger = 'tensorboard' needs a package that is not installed: pip install 'affmap[tensorboard]', or say "
+            "logger=csv."
+        )
+
+
 def _collect(config: Config, work: Work) -> None:
     layouts, num_sequences = config.training_layouts, config.data.num_sequences
     names = ", ".join(layout.name for layout in layouts)
@@ -170,7 +186,14 @@ def _train(config: Config, data: Path, work: Work) -> None:
     trials = f"{num_trials} trials of " if num_trials else ""
     description = f"training of {trials}{config.members} members, context size {config.model.context_size}"
     with track(description, config.training.num_epochs, "epochs", work.progress) as update:
-        fit(_stack(config), batches, config.training, work.folder, work.scratch, update)
+        fit(_stack(config), batches, config.training, work.folder, work.scratch, update, _board(config))
+
+
+def _board(config: Config) -> Path | None:
+    """Where TensorBoard finds a job's training, which other jobs may share."""
+    if config.logger != "tensorboard":
+        return None
+    return config.output / "tensorboard" / f"context{config.model.context_size}_{config.train_stage.digest}"
 
 
 def _paint(config: Config, train: Path, work: Work) -> None:

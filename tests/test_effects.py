@@ -29,8 +29,8 @@ def test_a_line_makes_a_new_force(monkeypatch: pytest.MonkeyPatch) -> None:
     physics = Physics(layout, vehicle, np.array([1.5, 1.0]))
     physics.step(np.zeros(4))
     assert physics.velocity[0] < 0 and physics.velocity[1] == 0
-    canvas = Canvas(layout, vehicle, window=False)
-    canvas.draw(Scene(np.array([0.2, 0.2]), np.zeros(4), np.array([2.8, 1.8]), 0.1))
+    canvas = Canvas(layout.size, vehicle, window=False)
+    canvas.draw(Scene(layout, np.array([0.2, 0.2]), np.zeros(4), np.array([2.8, 1.8]), 0.1))
     height, width, _ = canvas.array().shape
     assert tuple(canvas.array()[height // 2, width // 2]) == (0x12, 0x34, 0x56)
     world = World.of(layout.model_dump(mode="json"), vehicle.model_dump(mode="json"))

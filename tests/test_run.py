@@ -419,13 +419,43 @@ def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
     assert contents(swept) == before
 
 
+def test_losses_go_to_tensorboard_where_that_is_asked_for(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder for each training; stages of the same names and bytes as without."""
+    pytest.importorskip("tensorboard")
+    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *SWEEP), "logger=tensorboard"]) == 0
+    for name in ("validation.csv", "runs.csv", "weights.safetensors"):
+        found, expected = (
+            {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob(f"store/*/*/{name}")}
+            for folder in (tmp_path, swept)
+        )
+        assert len(found) == 2 and found == {each: expected[each] for each in found}, name  # others may have added some
+    boards = {path.name for path in (tmp_path / "output" / "tensorboard").iterdir()}
+    trained = {config.model.context_size: config.train_stage.digest for config in jobs(tmp_path, *SWEEP)}
+    assert boards == {f"context{size}_{digest}" for size, digest in trained.items()}
+
+
+@pytest.mark.parametrize("asked", [SWEEP, ["search=training", "hydra.sweeper.num_trials=1"]], ids=["sweep", "search"])
+def test_a_missing_tensorboard_is_told_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str]
+) -> None:
+    """One sentence with the remedy."""
+    monkeypatch.setattr(stages, "find_spec", lambda name: None)
+    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), "logger=tensorboard"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "pip install 'affmap[tensorboard]'" in told and "logger=csv" in told
+    assert not list(tmp_path.rglob("*"))
+
+
 def test_publishing_keeps_report_and_models(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A report of a few stand-in files: tables and pictures are kept, vector figures and logs are not; models are found
     from then on with `models=reference`. Not kept: smoke runs, and reports of other results."""
     output = tmp_path / "runs" / "exp"
-    for name in ("report.pdf", "figures/one.png", "figures/one.pdf", "jobs/a/affmap.log", "tables/runs.csv"):
+    names = ["report.pdf", "figures/one.png", "figures/one.pdf", "tables/runs.csv"]
+    for name in (*names, "jobs/a/affmap.log", "tensorboard/a/events.out.tfevents.1"):
         (output / name).parent.mkdir(parents=True, exist_ok=True)
         (output / name).write_text(name)
     kept = tmp_path / "runs" / "reference"

@@ -1,18 +1,26 @@
-"""The simulated world: layouts, physics, and the vehicle as the Gymnasium environment `affmap/Vehicle-v0`."""
+"""The simulated world: layouts, physics, and the vehicle as Gymnasium environments; each is imported on first use."""
 
-import gymnasium
+from typing import TYPE_CHECKING
 
-from affmap.env.layout import Circle, Layout
-from affmap.env.physics import Vehicle
-from affmap.env.vehicle import VehicleEnv
+from affmap.lazy import on_first_use
 
-__all__ = ["Circle", "Layout", "Vehicle", "VehicleEnv", "register"]
+if TYPE_CHECKING:
+    from affmap.env.layout import Circle, Layout
+    from affmap.env.physics import Vehicle
+    from affmap.env.procedural import Procedural
+    from affmap.env.registration import register
+    from affmap.env.vehicle import VehicleEnv
 
+__all__ = ["Circle", "Layout", "Procedural", "Vehicle", "VehicleEnv", "register"]
 
-def register() -> None:
-    """Make the environment known to `gymnasium.make` (also Gymnasium's plugin entry point)."""
-    if "affmap/Vehicle-v0" not in gymnasium.registry:
-        gymnasium.register("affmap/Vehicle-v0", entry_point="affmap.env.vehicle:VehicleEnv", max_episode_steps=200)
-
-
-register()
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "Circle": "affmap.env.layout",
+        "Layout": "affmap.env.layout",
+        "Procedural": "affmap.env.procedural",
+        "Vehicle": "affmap.env.physics",
+        "VehicleEnv": "affmap.env.vehicle",
+        "register": "affmap.env.registration",
+    },
+)

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from affmap.env.layout import Arena, Circle, EffectName, Layout
-from affmap.settings import Count, Line, NonNegative, Positive, Settings
+from affmap.settings import Count, Line, NonNegative, Positive, Settings, read
 
 ROUNDS = 300
 """Rounds in which the circles shrink; as many again follow at the smallest radius."""
@@ -177,3 +177,21 @@ class Procedural(Arena):
         """Horizontal and vertical distance of `positions` `[..., 2]` to the nearest corner square, `[..., 2]` in u."""
         to_border = np.minimum(positions, np.array(self.size) - positions)
         return np.maximum(to_border - self.corner_side, 0)
+
+
+def is_procedural(name: str) -> bool:
+    """Whether `conf/layout/<name>.yaml` holds rules rather than a world.
+
+    Raises:
+        ConfigError: there is no such file.
+    """
+    return "properties" in read("layout", name)
+
+
+def load(name: str) -> Layout | Procedural:
+    """The world of `conf/layout/<name>.yaml`, or its rules for worlds.
+
+    Raises:
+        ConfigError: there is no such file, or a value in it is not allowed.
+    """
+    return Procedural.load("layout", name) if is_procedural(name) else Layout.load("layout", name)

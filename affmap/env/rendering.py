@@ -19,8 +19,9 @@ PAST, CANDIDATE, UNCERTAIN = (0, 140, 70), (150, 150, 150), (120, 80, 160)
 
 
 class Scene(NamedTuple):
-    """What is drawn of a moment, over the world; lengths in u."""
+    """A moment in a world; lengths in u."""
 
+    layout: Layout
     position: np.ndarray
     """`[2]`, of the vehicle."""
     action: np.ndarray
@@ -41,12 +42,14 @@ class Scene(NamedTuple):
 
 
 class Canvas:
-    """A picture of one world, drawn anew each time; rows go downward, as pictures do."""
+    """A picture of a world, drawn anew each time; rows go downward, as pictures do."""
 
-    def __init__(self, layout: Layout, vehicle: Vehicle, window: bool, pixels_per_unit: int = PIXELS_PER_UNIT) -> None:
-        """Prepare a picture of the arena; with `window`, `show` puts it on the screen."""
-        self._layout, self._vehicle, self._scale = layout, vehicle, pixels_per_unit
-        width, height = (round(length * pixels_per_unit) for length in layout.size)
+    def __init__(
+        self, size: tuple[float, float], vehicle: Vehicle, window: bool, pixels_per_unit: int = PIXELS_PER_UNIT
+    ) -> None:
+        """Prepare pictures of arenas of `size` (u); with `window`, `show` puts them on the screen."""
+        self._height, self._vehicle, self._scale = size[1], vehicle, pixels_per_unit
+        width, height = (round(length * pixels_per_unit) for length in size)
         self.surface = pygame.Surface((width, height))
         self._window: pygame.Surface | None = None
         if window:
@@ -59,10 +62,10 @@ class Canvas:
         """Draw everything once."""
         if scene.ground is None:
             self.surface.fill(WHITE)
-            self._circles(filled=True)
+            self._circles(scene.layout, filled=True)
         else:
             self._ground(scene.ground)
-            self._circles(filled=False)
+            self._circles(scene.layout, filled=False)
         pygame.draw.rect(self.surface, BLACK, self.surface.get_rect(), width=2)
         self._disc(GOAL, scene.goal, scene.goal_radius, width=2)
         self._disc(GOAL, scene.goal, 0.02)
@@ -97,10 +100,10 @@ class Canvas:
         pixels = (255 * colors[::-1]).round().astype(np.uint8).transpose(1, 0, 2)  # columns first, from the top
         pygame.transform.smoothscale(pygame.surfarray.make_surface(pixels), self.surface.get_size(), self.surface)
 
-    def _circles(self, filled: bool) -> None:
+    def _circles(self, layout: Layout, filled: bool) -> None:
         """The circles of the world, the highest last; their rims only, where the ground is to be seen."""
         layers = list(EFFECTS)
-        for circle in sorted(self._layout.circles, key=lambda circle: layers.index(circle.effect)):
+        for circle in sorted(layout.circles, key=lambda circle: layers.index(circle.effect)):
             color, center = EFFECTS[circle.effect].color, np.array(circle.center)
             if not filled:
                 self._disc(WHITE, center, circle.radius, width=4)
@@ -121,7 +124,7 @@ class Canvas:
 
     def _pixel(self, point: np.ndarray) -> tuple[int, int]:
         x, y = point
-        return round(x * self._scale), round((self._layout.size[1] - y) * self._scale)
+        return round(x * self._scale), round((self._height - y) * self._scale)
 
     def _line(self, color: tuple[int, int, int], points: np.ndarray, width: int = 1) -> None:
         pixels = [self._pixel(point) for point in points]

@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics, Vehicle
+from affmap.env.procedural import Procedural, load
 from affmap.view import PIXELS, view
 
 RENDER_FPS = 30
@@ -20,18 +21,18 @@ RENDER_FPS = 30
 class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """A round vehicle flies through an arena to a goal (Section 4.1 of the paper).
 
-    Action: `[4]`, opening of each throttle in [0, 1]; they push to the upper right, upper left, lower left and lower
+    Action: `Box(0, 1, [4])`, opening of each throttle; they push to the upper right, upper left, lower left and lower
     right.
 
-    | observation | shape | unit | meaning |
+    | observation | space | unit | meaning |
     |---|---|---|---|
-    | position | [2] | u | reported position; inside fog it carries noise |
-    | delta | [2] | u/step | change of the reported position in the last step |
-    | view | [K, 11, 11] | 0 or 1 | the 0.5 x 0.5 u around the true position, a channel for each kind of look |
-    | goal | [2] | u | where to fly |
+    | position | Box(-inf, inf, [2]) | u | reported position; inside fog it carries noise |
+    | delta | Box(-inf, inf, [2]) | u/step | change of the reported position in the last step |
+    | view | MultiBinary([K, 11, 11]) | - | the 0.5 x 0.5 u around the true position, a channel for each kind of look |
+    | goal | Box(0, size of the arena, [2]) | u | where to fly |
 
-    Reward: minus the distance between true position and goal, in u. An episode never terminates; `affmap/Vehicle-v0`
-    truncates it after 200 steps.
+    Reward: minus the distance between true position and goal, in u. An episode never terminates; environments made by
+    `gymnasium.make` truncate it after 200 steps.
 
     | info | type | meaning |
     |---|---|---|
@@ -41,14 +42,16 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     | reached | bool | the distance to the goal is below `goal_radius` |
 
     A run starts in the square of a random corner and has its goal in the opposite one. `reset(options=...)` takes
-    `corner` (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u).
+    `corner` (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u). Where the
+    layout is rules for worlds, every reset draws another world, which like all else follows from the seed; not each of
+    them can be crossed.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}
 
     def __init__(
         self,
-        layout: Layout | str = "original",
+        layout: Layout | Procedural | str = "original",
         vehicle: Vehicle | str = "default",
         goal_radius: float = 0.1,
         render_mode: str | None = None,
@@ -57,7 +60,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Make an environment.
 
         Args:
-            layout: the world, or the name of a file in `conf/layout`.
+            layout: the world, or rules for worlds, or the name of a file in `conf/layout` that holds either.
             vehicle: the physical constants, or the name of a file in `conf/vehicle`.
             goal_radius: distance below which the goal counts as reached, u.
             render_mode: None, "rgb_array" or "human".
@@ -72,9 +75,11 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"render_mode = {render_mode!r} is not one of {self.metadata['render_modes']} or None.")
         if not 0 < goal_radius < np.inf:
             raise ValueError(f"goal_radius = {goal_radius} is not allowed: it should be greater than 0 and finite.")
-        self.layout = Layout.load("layout", layout) if isinstance(layout, str) else layout
+        self._arena = load(layout) if isinstance(layout, str) else layout
         self.vehicle = Vehicle.load("vehicle", vehicle) if isinstance(vehicle, str) else vehicle
-        self.layout.check_corners(self.vehicle.radius)
+        self._layout = self._arena if isinstance(self._arena, Layout) else None
+        if self._layout is not None:
+            self._layout.check_corners(self.vehicle.radius)
         self.goal_radius = goal_radius
         self.render_mode = render_mode
         self._views = views
@@ -84,8 +89,8 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         parts: dict[str, spaces.Space] = {
             "position": spaces.Box(-np.inf, np.inf, (2,), np.float32),
             "delta": spaces.Box(-np.inf, np.inf, (2,), np.float32),
-            "view": spaces.MultiBinary([len(self.layout.channels), PIXELS, PIXELS]),
-            "goal": spaces.Box(np.zeros(2, np.float32), np.array(self.layout.size, np.float32)),
+            "view": spaces.MultiBinary([len(self._arena.channels), PIXELS, PIXELS]),
+            "goal": spaces.Box(np.zeros(2, np.float32), np.array(self._arena.size, np.float32)),
         }
         if not views:
             del parts["view"]
@@ -96,26 +101,34 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin a new episode in a new world, the vehicle at rest."""
+        """Begin a new episode in a new world, the vehicle at rest.
+
+        Raises:
+            ValueError: options that cannot be, or no world obeys the layout's rules.
+        """
         super().reset(seed=seed)
         options = options or {}
         if unknown := set(options) - {"corner", "position", "goal"}:
             raise ValueError(f"options {sorted(unknown)} are unknown; give corner, or position and goal.")
+        layout = self._arena
+        if isinstance(layout, Procedural):
+            layout = layout.draw(self.np_random)
+            layout.check_corners(self.vehicle.radius)
         corner = options.get("corner")
         corner = int(self.np_random.integers(4)) if corner is None else corner
         if corner not in range(4):
             raise ValueError(f"corner = {corner!r} is not one of 0, 1, 2, 3.")
-        start, goal = (self.np_random.uniform(*self.layout.corner(index)) for index in (corner, 3 - corner))
+        start, goal = (self.np_random.uniform(*layout.corner(index)) for index in (corner, 3 - corner))
         position, goal = np.array(options.get("position", start), float), np.array(options.get("goal", goal), float)
         for key, point in (("position", position), ("goal", goal)):
-            if point.shape != (2,) or not ((point >= 0) & (point <= self.layout.size)).all():
-                raise ValueError(f"{key} = {point.tolist()} is not a point of the arena {list(self.layout.size)} (u).")
-        if not self.layout.is_free(position, self.vehicle.radius):
+            if point.shape != (2,) or not ((point >= 0) & (point <= layout.size)).all():
+                raise ValueError(f"{key} = {point.tolist()} is not a point of the arena {list(layout.size)} (u).")
+        if not layout.is_free(position, self.vehicle.radius):
             raise ValueError(f"position = {position.tolist()} is not free: the vehicle would overlap something solid.")
-        self.goal = goal
+        self._layout, self.goal = layout, goal
         self.action = np.zeros(4)
         self.planned_positions = None
-        self._physics = Physics(self.layout, self.vehicle, position)
+        self._physics = Physics(layout, self.vehicle, position)
         self._reported = self._report()
         if self.render_mode == "human":
             self.render()
@@ -140,6 +153,17 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         info = self._info()
         return self._observation(self._reported - last), -self._distance(), False, False, info
 
+    @property
+    def layout(self) -> Layout:
+        """The present world.
+
+        Raises:
+            gymnasium.error.ResetNeeded: it is to be drawn, and there was no `reset` before.
+        """
+        if self._layout is None:
+            raise gymnasium.error.ResetNeeded("Call reset() first: it draws the world.")
+        return self._layout
+
     def probe(self, positions: np.ndarray) -> np.ndarray:
         """The look-up map of the paper: local views at any `positions` `[..., 2]` (u), `[..., K, 11, 11]` bool."""
         return view(self.layout.map, np.asarray(positions, float))
@@ -152,9 +176,10 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with one.")
             return None
         if self._canvas is None:
-            self._canvas = Canvas(self.layout, self.vehicle, window=self.render_mode == "human")
+            self._canvas = Canvas(self._arena.size, self.vehicle, window=self.render_mode == "human")
         physics = self._running()
-        self._canvas.draw(Scene(physics.position, self.action, self.goal, self.goal_radius, self.planned_positions))
+        scene = Scene(self.layout, physics.position, self.action, self.goal, self.goal_radius, self.planned_positions)
+        self._canvas.draw(scene)
         return self._canvas.show(RENDER_FPS) if self.render_mode == "human" else self._canvas.array()
 
     def close(self) -> None:

@@ -127,9 +127,14 @@ class Window:
         """Draw everything."""
         game, thought = self.game, self.game.thought
         self.screen.fill(WHITE)
-        canvas = Canvas(game.layout, game.env.vehicle, window=False, pixels_per_unit=SCALE)
+        canvas = Canvas(game.layout.size, game.env.vehicle, window=False, pixels_per_unit=SCALE)
         scene = Scene(
-            game.past[-1], game.env.action, game.env.goal, game.env.goal_radius, past=np.array(game.past[-200:])
+            game.layout,
+            game.past[-1],
+            game.env.action,
+            game.env.goal,
+            game.env.goal_radius,
+            past=np.array(game.past[-200:]),
         )
         if thought:
             scene = scene._replace(path=thought.path, std=thought.std)

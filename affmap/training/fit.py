@@ -7,6 +7,7 @@ import logging
 import signal
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from affmap.files import sha256, written
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.reading import reading
+from affmap.training.board import Board
 from affmap.training.module import TrainingModule
 from affmap.training.settings import VALIDATION, TrainingSettings
 
@@ -30,14 +32,17 @@ log = logging.getLogger("affmap")
 
 
 class _Epochs(Checkpoint):
-    """After each epoch: a snapshot where one is wanted, a checkpoint, and word of how far the training is.
+    """After each epoch: a snapshot where one is wanted, a checkpoint, the losses on a board, word of how far it is.
 
     Lightning calls its kind of callback after the module's own hook, when the losses of the epoch are noted. Snapshots
     are part of the checkpoint, so that a single file holds all that an interrupted training needs.
     """
 
-    def __init__(self, checkpoints: Path, snapshot_epochs: set[int], on_epoch: Callable[[int], None]) -> None:
+    def __init__(
+        self, checkpoints: Path, snapshot_epochs: set[int], on_epoch: Callable[[int], None], board: Board | None
+    ) -> None:
         self._checkpoints, self._snapshot_epochs, self._on_epoch = checkpoints, snapshot_epochs, on_epoch
+        self._board = board
         self.snapshots: dict[int, dict[str, Tensor]] = {}
 
     def state_dict(self) -> dict[str, Any]:
@@ -47,11 +52,13 @@ class _Epochs(Checkpoint):
         self.snapshots = state_dict["snapshots"]
 
     def on_train_epoch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        assert isinstance(pl_module, TrainingModule)
         epoch = trainer.current_epoch + 1
         if epoch in self._snapshot_epochs:
-            assert isinstance(pl_module, TrainingModule)
             self.snapshots[epoch] = copy(pl_module.stack)
         keep(self._checkpoints, trainer.save_checkpoint)
+        if self._board:
+            self._board.show(pl_module, epoch)
         self._on_epoch(epoch)
 
 
@@ -83,12 +90,13 @@ def fit(
     folder: Path,
     checkpoints: Path,
     on_epoch: Callable[[int], None] = lambda epoch: None,
+    board: Path | None = None,
 ) -> None:
     """Train `stack` and write `weights.safetensors`, snapshots and `validation.csv` into `folder`.
 
     A checkpoint after each epoch, in the folder `checkpoints`, is what an interrupted training resumes from, with the
     result that it would have had (on a GPU, which adds in no fixed order: to rounding). `on_epoch` is called with the
-    number of epochs done.
+    number of epochs done. TensorBoard finds the losses in the folder `board`, where there is one.
     """
     # Lightning greets, advises and says good-bye; it warns of its own use of a renamed class of PyTorch, and of data
     # read without helpers (all of it is in memory).
@@ -96,12 +104,24 @@ def fit(
     warnings.filterwarnings("ignore", message=".*LeafSpec.* is deprecated")
     warnings.filterwarnings("ignore", message=".*does not have many workers")
     module = TrainingModule(stack, settings)
-    epochs = _Epochs(checkpoints, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch)
+    with Board(board) if board else nullcontext() as shown:
+        epochs = _Epochs(checkpoints, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch, shown)
+        _train(module, data, checkpoints, epochs)
+        if shown:  # nothing is left to train where the last epoch was done before an interruption
+            shown.show(module, settings.num_epochs)
+    for epoch, weights in epochs.snapshots.items():
+        save(weights, folder / SNAPSHOT.format(epoch=f"{epoch:03d}"))
+    save(copy(stack), folder / WEIGHTS)
+    losses(module).to_csv(folder / VALIDATION, index=False, float_format="%.6f")
+
+
+def _train(module: TrainingModule, data: DataModule, checkpoints: Path, epochs: _Epochs) -> None:
+    """All of Lightning's loop, from the last checkpoint on."""
     trainer = lightning.Trainer(
-        accelerator=settings.accelerator,
+        accelerator=module.settings.accelerator,
         devices=1,
         plugins=[LightningEnvironment()],  # in a cluster's job, too, a training is a single process
-        max_epochs=settings.num_epochs,
+        max_epochs=module.settings.num_epochs,
         reload_dataloaders_every_n_epochs=1,  # each epoch has an order of its own
         num_sanity_val_steps=0,
         logger=False,
@@ -121,10 +141,6 @@ def fit(
             signal.signal(signal.SIGINT, listener)
             raise KeyboardInterrupt from None
         raise
-    for epoch, weights in epochs.snapshots.items():
-        save(weights, folder / SNAPSHOT.format(epoch=f"{epoch:03d}"))
-    save(copy(stack), folder / WEIGHTS)
-    losses(module).to_csv(folder / VALIDATION, index=False, float_format="%.6f")
 
 
 def losses(module: TrainingModule) -> pd.DataFrame:

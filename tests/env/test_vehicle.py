@@ -9,40 +9,19 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rollouts import actions, assert_bit_equal, rollout
 
-import affmap.env
 from affmap.env import Layout, VehicleEnv
 from affmap.settings import ConfigError
 from affmap.view import view
 
 quick = settings(max_examples=40, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**31 - 1)
-Step = tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]
 
 
 def world(*circles: tuple[float, float, float, str]) -> Layout:
     things = [{"center": [x, y], "radius": r, "effect": effect, "channel": "solid"} for x, y, r, effect in circles]
     return Layout.load("layout", "original", circles=things)
-
-
-def actions(num_steps: int, seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(size=(num_steps, 4)).round(2).astype(np.float32)
-
-
-def rollout(env: VehicleEnv, num_steps: int, seed: int | None, **options: Any) -> list[Step]:
-    """Reset (given as a step of reward 0) and steps with fixed actions."""
-    observation, info = env.reset(seed=seed, options=options)
-    return [(observation, 0.0, False, False, info), *(env.step(action) for action in actions(num_steps))]
-
-
-def assert_bit_equal(first: list[Step], second: list[Step]) -> None:
-    assert len(first) == len(second)
-    for one, other in zip(first, second, strict=True):
-        assert one[1:4] == other[1:4]
-        for mine, its in ((one[0], other[0]), (one[4], other[4])):
-            assert mine.keys() == its.keys()
-            for key in mine:
-                np.testing.assert_array_equal(mine[key], its[key], err_msg=key)
 
 
 # Gymnasium's checker warns of unbounded positions (fog reports any) and, without a render mode, that it cannot render.
@@ -63,14 +42,6 @@ def test_without_views_all_else_is_the_same() -> None:
         assert str(rest) == str(others)
 
 
-def test_it_is_registered_once() -> None:
-    """Registering again (Gymnasium's plugin entry point does) changes nothing and does not warn."""
-    spec = gymnasium.registry["affmap/Vehicle-v0"]
-    affmap.env.register()
-    assert gymnasium.registry["affmap/Vehicle-v0"] is spec
-    assert spec.max_episode_steps == 200
-
-
 def test_make_truncates_after_exactly_200_steps_and_never_terminates() -> None:
     """Issue 2; also when the goal is reached in every step."""
     env = gymnasium.make("affmap/Vehicle-v0", goal_radius=5.0)
@@ -80,24 +51,6 @@ def test_make_truncates_after_exactly_200_steps_and_never_terminates() -> None:
         assert info["reached"] and not terminated
         assert truncated == (number == 200)
     env.close()
-
-
-def test_environments_in_a_vector_equal_each_alone() -> None:
-    """N separate runs: environment `i` of a vector gets the seed `seed + i`."""
-    envs = gymnasium.make_vec("affmap/Vehicle-v0", num_envs=3, vectorization_mode="sync")
-    batch = actions(30)[:, None].repeat(3, axis=1)
-    observations, _ = envs.reset(seed=11)
-    found = [(observations, np.zeros(3))]
-    for action in batch:
-        observations, rewards, *_ = envs.step(action)
-        found.append(({key: value.copy() for key, value in observations.items()}, rewards))
-    envs.close()
-    for number in range(3):
-        alone = rollout(VehicleEnv(), 30, seed=11 + number)
-        for (observations, rewards), (observation, reward, *_) in zip(found[1:], alone[1:], strict=True):
-            assert rewards[number] == reward
-            for key, value in observation.items():
-                np.testing.assert_array_equal(observations[key][number], value)
 
 
 def test_the_same_seed_gives_a_bit_equal_rollout_and_another_seed_another() -> None:

@@ -66,11 +66,12 @@ def train(
     seeds: tuple[int, ...] = (4, 5, 6),
     settings: TrainingSettings = SETTINGS,
     on_epoch: Callable[[int], None] = lambda epoch: None,
+    board: Path | None = None,
 ) -> Path:
     checkpoints = folder / "checkpoints"
     checkpoints.mkdir(parents=True, exist_ok=True)
     data = DataModule(dataset, EXPLORATION, settings.batch_size, settings.chunk_length)
-    fit(stack(seeds), data, settings, folder, checkpoints, on_epoch)
+    fit(stack(seeds), data, settings, folder, checkpoints, on_epoch, board)
     return folder
 
 
@@ -378,6 +379,69 @@ def test_the_newest_of_two_checkpoints_is_taken(tmp_path: Path) -> None:
     kept[0][0].write_bytes(b"first")
     os.utime(kept[0][0], ns=(1, 1))
     assert last(tmp_path) == kept[1][0]
+
+
+def scalars(board: Path) -> dict[str, list[tuple[int, float]]]:
+    """Tag -> (step, value) of all that TensorBoard reads in a folder, by its own reader."""
+    reader = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    events = reader.EventAccumulator(str(board), {reader.SCALARS: 0})
+    events.Reload()
+    return {tag: [(each.step, each.value) for each in events.Scalars(tag)] for tag in events.Tags()["scalars"]}
+
+
+def quartiles(table: pd.DataFrame) -> dict[str, list[tuple[int, float]]]:
+    """The same of a table of losses, by pandas."""
+    expected = {}
+    for name in ("training_nll", "validation_nll"):
+        for quartile, level in (("lower_quartile", 0.25), ("median", 0.5), ("upper_quartile", 0.75)):
+            expected[f"{name}/{quartile}"] = [*table.groupby("epoch")[name].quantile(level).items()]
+    return expected
+
+
+def assert_shown(found: dict[str, list[tuple[int, float]]], expected: dict[str, list[tuple[int, float]]]) -> None:
+    """The same tags and epochs, each once, and the same values to the decimals of a table."""
+    assert found.keys() == expected.keys()
+    for tag, values in expected.items():
+        np.testing.assert_allclose(found[tag], values, rtol=1e-6, atol=1e-6, err_msg=tag)
+
+
+def test_tensorboard_reads_what_the_table_says_and_nothing_else_changes(
+    dataset: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    """TensorBoard's own reader against pandas; the results of a training that nobody watches, byte by byte."""
+    pytest.importorskip("tensorboard")
+    assert_same(train(dataset, tmp_path / "run", board=tmp_path / "board"), undisturbed)
+    assert_shown(scalars(tmp_path / "board"), quartiles(pd.read_csv(undisturbed / "validation.csv")))
+
+
+@pytest.mark.parametrize("done", [1, 3, 4])
+def test_tensorboard_sees_every_epoch_once_after_an_interruption(
+    dataset: Path, undisturbed: Path, tmp_path: Path, done: int
+) -> None:
+    """Also where the power went before the events were on the disk, and when the last epoch was done."""
+    pytest.importorskip("tensorboard")
+
+    def stop(epoch: int) -> None:
+        if epoch == done:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train(dataset, tmp_path / "run", on_epoch=stop, board=tmp_path / "board")
+    assert {len(values) for values in scalars(tmp_path / "board").values()} == {done}, "they can be seen meanwhile"
+    for events in (tmp_path / "board").iterdir():
+        events.write_bytes(events.read_bytes()[:-20])
+    assert_same(train(dataset, tmp_path / "run", board=tmp_path / "board"), undisturbed)
+    assert_shown(scalars(tmp_path / "board"), quartiles(pd.read_csv(undisturbed / "validation.csv")))
+
+
+def test_tensorboard_sees_each_trial(dataset: Path, trials: Path, tmp_path: Path) -> None:
+    """Their own rows of the table."""
+    pytest.importorskip("tensorboard")
+    train(dataset, tmp_path / "run", 3 * (4, 5), TRIALS, board=tmp_path / "board")
+    expected = {}
+    for trial, rows in pd.read_csv(trials / "validation.csv").groupby("trial"):
+        expected |= {f"trial_{trial}/{tag}": values for tag, values in quartiles(rows).items()}
+    assert_shown(scalars(tmp_path / "board"), expected)
 
 
 def test_a_job_of_a_cluster_is_a_training_like_any_other(

@@ -1,0 +1,69 @@
+"""The environments' names in Gymnasium: `affmap/Vehicle-v0` for any layout, and one for each file of `conf/layout`.
+
+Needs Gymnasium only where it is there already: importing it takes longer than importing the rest of the package.
+"""
+
+import re
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+ENTRY_POINT = "affmap.env.vehicle:VehicleEnv"
+MAX_EPISODE_STEPS = 200
+
+
+def register() -> None:
+    """Make the environments known to `gymnasium.make`; those that are known already stay as they are."""
+    import gymnasium
+
+    for name, arguments in environments().items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs=arguments)
+
+
+def environments() -> dict[str, dict[str, str]]:
+    """Name in Gymnasium -> arguments of `VehicleEnv`.
+
+    A layout's name is that of its file, whose words begin with capitals: `affmap/TwoObstacles-v0` is
+    `two_obstacles.yaml`. The files are not read.
+    """
+    from affmap.settings import NAME, folder
+
+    layouts = sorted(path.stem for path in folder().glob("layout/*.yaml") if re.fullmatch(NAME, path.stem))
+    titles = {layout: "".join(word[:1].upper() + word[1:] for word in layout.split("_")) for layout in layouts}
+    return {f"affmap/{titles[layout]}-v0": {"layout": layout} for layout in layouts} | {"affmap/Vehicle-v0": {}}
+
+
+def register_when_needed() -> None:
+    """Register now where Gymnasium has been imported, else as soon as somebody imports it."""
+    if "gymnasium" in sys.modules:
+        register()
+    else:
+        sys.meta_path.insert(0, _AfterGymnasium())
+
+
+class _AfterGymnasium(MetaPathFinder):
+    """Waits for the import of Gymnasium, lets others do it, registers, and is gone.
+
+    Who only asks whether Gymnasium is there gets the same answer, and imports nothing.
+    """
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != "gymnasium":
+            return None
+        others = (finder for finder in sys.meta_path if not isinstance(finder, _AfterGymnasium))
+        spec = next(filter(None, (finder.find_spec(fullname, path, target) for finder in others)), None)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_register(module: ModuleType) -> None:
+                execute(module)
+                register()
+                sys.meta_path.remove(self)
+
+            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        return spec
