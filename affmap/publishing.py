@@ -13,7 +13,7 @@ from affmap.sweep import Sweep
 from affmap.training.settings import VALIDATION
 from hydra_plugins.hyperopt_sweeper._trials import RESULTS
 
-WITHOUT = ("*.pdf", "*.html")
+WITHOUT = ("*.pdf", "*.svg", "*.html")
 """Files that are not kept: the report's own PDF, which is, has the vector figures, and the page has all figures."""
 
 

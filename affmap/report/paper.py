@@ -102,11 +102,12 @@ def _rows(parts: Sequence[Part], scores: Sequence[Sequence[Score]]) -> list[dict
 def _copy_figures(part: Part, folder: Path) -> list[str]:
     """Take over the figures of an experiment's own report, into a folder of its own; returns their names."""
     target = folder / part.output.name
+    shutil.rmtree(target, ignore_errors=True)  # a figure may have been drawn in other formats
     target.mkdir(parents=True, exist_ok=True)
     names = [name for name in FIGURES if (part.output / "figures" / f"{name}.pdf").is_file()]
     for name in names:
-        for kind in ("pdf", "png"):
-            shutil.copyfile(part.output / "figures" / f"{name}.{kind}", target / f"{name}.{kind}")
+        for path in (part.output / "figures").glob(f"{name}.*"):
+            shutil.copyfile(path, target / path.name)
     return names
 
 

@@ -1,0 +1,55 @@
+"""Affordance maps whose codes are shown under the pointer. Knows results; `page/explorer.js` draws."""
+
+import base64
+import io
+from typing import Any
+
+from matplotlib.image import imsave
+
+from affmap.report import blocks
+from affmap.report.groups import readable
+from affmap.report.packing import pack
+from affmap.report.pictures import Painted, paint, painted
+from affmap.report.players import CODE, describe, effects
+from affmap.report.records import Floats
+from affmap.report.settings import ReportSettings
+from affmap.report.tables import Results
+
+SPACING = 0.04
+"""u, between the nodes whose codes are in the page; the picture has all nodes."""
+
+
+def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
+    """The block with the first member's maps of every context size and world; None where there are no codes."""
+    maps = []
+    for size in filter(None, results.context_sizes):
+        parts = painted(results, size)
+        maps += [_map(part, colors, settings) for part, colors in zip(parts, paint(parts, 0), strict=True)]
+    if not maps:
+        return None
+    spacing = maps[0]["spacing"]
+    caption = (
+        f"Affordance maps of the first member, coloured as in the figure of maps. Point at one (or move with the arrow "
+        f"keys): the bars are the context code at the nearest of the nodes that are {spacing:.2g} u apart; codes "
+        "are between −1 and 1. The code of one model means nothing to another."
+    )
+    return blocks.explorer({"keys": ["World", "Context size"], "maps": maps, "effects": effects()}, caption)
+
+
+def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, Any]:
+    """A map of the first member: its picture `[Y, X, 3]`, and the codes at every so many nodes."""
+    x, y = part.maps.x, part.maps.y
+    pitch = float(x[1] - x[0])
+    stride = max(1, round(SPACING / pitch))
+    picture = io.BytesIO()
+    imsave(picture, colors.clip(0.0, 1.0), origin="lower", format="png", metadata={"Software": None})
+    return {
+        "choice": [readable(part.world.name, settings), str(part.job.context_size)],
+        "world": describe(part.world),
+        "picture": f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}",
+        # The picture's edges: half a node beyond the outer ones.
+        "edges": [float(x[0]) - pitch / 2, float(y[0]) - pitch / 2, float(x[-1]) + pitch / 2, float(y[-1]) + pitch / 2],
+        "origin": [float(x[0]), float(y[0])],
+        "spacing": round(stride * pitch, 9),
+        "codes": pack(part.maps.codes[0, ::stride, ::stride], CODE),
+    }
