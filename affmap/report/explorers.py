@@ -9,7 +9,7 @@ from matplotlib.image import imsave
 from affmap.report import blocks
 from affmap.report.groups import readable
 from affmap.report.packing import pack
-from affmap.report.pictures import Painted, paint, painted
+from affmap.report.pictures import Painted, map_size, paint, painted
 from affmap.report.players import CODE, describe, effects
 from affmap.report.records import Floats
 from affmap.report.settings import ReportSettings
@@ -29,11 +29,13 @@ def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
         return None
     spacing = maps[0]["spacing"]
     caption = (
-        f"Affordance maps of the first member, coloured as in the figure of maps. Point at one (or move with the arrow "
-        f"keys): the bars are the context code at the nearest of the nodes that are {spacing:.2g} u apart; codes "
-        "are between −1 and 1. The code of one model means nothing to another."
+        "Affordance maps of the first member, coloured as in the figure of maps. Point at one, or move with the arrow "
+        f"keys: the bars are the context code at the nearest of the nodes that are {spacing:.2g} u apart. Codes lie "
+        "between −1 and 1; that of one model means nothing to another."
     )
-    return blocks.explorer({"keys": ["World", "Context size"], "maps": maps, "effects": effects()}, caption)
+    first = next(place for place, found in enumerate(maps) if found["choice"][1] == str(map_size(results)))
+    data = {"first": first, "keys": ["World", "Context size"], "maps": maps, "effects": effects()}
+    return blocks.explorer(data, caption)
 
 
 def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, Any]:
@@ -42,13 +44,14 @@ def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, A
     pitch = float(x[1] - x[0])
     stride = max(1, round(SPACING / pitch))
     picture = io.BytesIO()
-    imsave(picture, colors.clip(0.0, 1.0), origin="lower", format="png", metadata={"Software": None})
+    unsigned: Any = {"Software": None}  # the same bytes by any version of Matplotlib
+    imsave(picture, colors, origin="lower", format="png", metadata=unsigned)
     return {
         "choice": [readable(part.world.name, settings), str(part.job.context_size)],
         "world": describe(part.world),
         "picture": f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}",
         # The picture's edges: half a node beyond the outer ones.
-        "edges": [float(x[0]) - pitch / 2, float(y[0]) - pitch / 2, float(x[-1]) + pitch / 2, float(y[-1]) + pitch / 2],
+        "edges": [float(edge) for edge in (x[0] - pitch / 2, y[0] - pitch / 2, x[-1] + pitch / 2, y[-1] + pitch / 2)],
         "origin": [float(x[0]), float(y[0])],
         "spacing": round(stride * pitch, 9),
         "codes": pack(part.maps.codes[0, ::stride, ::stride], CODE),

@@ -1,6 +1,6 @@
-"""Arrays as short texts that the page unpacks (`page/parts.js`): what is shown needs few digits, and a page is sent (leaf).
+"""Arrays as short texts, for the page, whose `page/parts.js` unpacks them: what is only shown needs few digits (leaf).
 
-Everything is little endian, in the order of rows, and base64.
+All is little endian, in the order of rows, and base64.
 """
 
 import base64

@@ -14,6 +14,7 @@ from affmap.report.arena import GOAL_COLOR, NUM_DEVIATIONS, VEHICLE_COLOR
 from affmap.report.examples import first_member, middle_runs
 from affmap.report.groups import PLANNER_COLORS, readable
 from affmap.report.packing import Packed, pack, pack_bits
+from affmap.report.pictures import map_size
 from affmap.report.records import Floats, Job, Sight, World
 from affmap.report.settings import ReportSettings
 from affmap.report.tables import Results
@@ -38,9 +39,13 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
     chosen = {layout: sorted(middle_runs(results, layout)[:count]) for layout in results.layouts}
     worlds: dict[tuple[World, Sight], int] = {}
     layouts, planners = results.layouts, results.planners
-    jobs = sorted(results.jobs, key=lambda job: (layouts.index(job.layout), planners.index(job.planner), job.context_size))
+    jobs = sorted(
+        results.jobs, key=lambda job: (layouts.index(job.layout), planners.index(job.planner), job.context_size)
+    )
     runs = [run for job in jobs for run in _runs(results, settings, job, chosen[job.layout], worlds)]
+    size = map_size(results)
     data = {
+        "first": next((place for place, run in enumerate(runs) if run["choice"][2] == str(size)), 0),
         "keys": ["Layout", "Planner", "Context size", "Run"],
         "runs": runs,
         "worlds": [describe(world, sight) for world, sight in worlds],
@@ -129,11 +134,12 @@ def _code(job: Job, codes: Floats | None) -> dict[str, Packed | str | None]:
 
 
 def _caption(results: Results, count: int) -> str:
-    which = "that run" if count == 1 else f"that run and its {count - 1} next in rank"
+    which = "that run" if count == 1 else f"the {count} runs that are nearest to it in rank, itself included,"
     found = (
-        "The rule of the figure of trajectories chooses a run of the first member in each layout; in every setting "
-        f"{which} can be played. A picture shows the moment at which a plan is made: the path so far, the path that "
-        f"the vehicle imagines (circles: {NUM_DEVIATIONS} standard deviations), its throttles, and what it sees. "
+        "The rule by which the figure of trajectories was drawn chooses a run of the first member in each layout; in "
+        f"every setting {which} can be played. A picture shows the moment at which a plan is made: the path so far, "
+        f"the path that the vehicle imagines (circles: {NUM_DEVIATIONS} standard deviations), its throttles, and what "
+        "it sees. "
     )
     if any(results.map_world(job) in results.worlds(job) for job in results.jobs if job.context_size):
         return found + "The context code is that of the member's affordance map at the true position."

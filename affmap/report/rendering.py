@@ -1,7 +1,7 @@
 """A document's blocks -> PDF and HTML: one content, two layouts (`report.typ`, `report.html.jinja`).
 
-Both are whole in themselves: the PDF has Typst's embedded fonts, the page its figures, its style and its script (`page/`);
-neither asks a network.
+Both are whole in themselves: the PDF has Typst's embedded fonts, the page its figures, style and script (`page/`); neither
+asks a network.
 """
 
 import base64
@@ -37,17 +37,12 @@ def write(output: Path, data: Mapping[str, Any]) -> None:
 
 def pdf(output: Path, data: Mapping[str, Any], **how: Any) -> bytes:
     """Set a document with Typst; `how` is passed on (`format`, `ppi`)."""
-    widths = {
-        block["name"]: figure_width(output / "figures" / f"{block['name']}.png")
-        for block in data["blocks"]
-        if block["kind"] == "figure"
-    }
     printed = [{key: value for key, value in block.items() if key != "data"} for block in data["blocks"]]
     compiler = typst.Compiler(
         (_HERE / "report.typ").read_bytes(),
         root=output,
         ignore_system_fonts=True,
-        sys_inputs={"data": json.dumps({**data, "blocks": printed, "widths": widths})},
+        sys_inputs={"data": json.dumps({**data, "blocks": printed, "widths": _widths(output, data)})},
     )
     pages = compiler.compile(**{"format": "pdf", **how})
     first = pages[0] if isinstance(pages, list) else pages  # a list is for formats with a file per page
@@ -65,11 +60,18 @@ def html(output: Path, data: Mapping[str, Any]) -> str:
     style = (_HERE / "page" / "page.css").read_text("utf-8")
     return template.render(
         **data,
+        widths=_widths(output, data),
         embedded=lambda name: _embedded(output / "figures" / name),
         style=Markup(style),
         script=Markup(script()),
         policy=policy(script()),
     )
+
+
+def _widths(output: Path, data: Mapping[str, Any]) -> dict[str, float]:
+    """Name of a figure -> its width, inches."""
+    names = [block["name"] for block in data["blocks"] if block["kind"] == "figure"]
+    return {name: figure_width(output / "figures" / f"{name}.png") for name in names}
 
 
 def script() -> str:

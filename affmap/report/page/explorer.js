@@ -9,7 +9,7 @@ for (const root of document.querySelectorAll(".explorer")) {
   let map, codes;
   let node = null; // column and row
 
-  choose(part("choices"), data.keys, data.maps, (chosen) => {
+  choose(part("choices"), data.keys, data.maps, data.first, (chosen) => {
     map = chosen;
     codes = unpack(chosen.codes);
     const [rows, columns] = chosen.codes.shape;
@@ -26,7 +26,7 @@ for (const root of document.querySelectorAll(".explorer")) {
     const [x, y] = position(node);
     const first = (node[1] * columns + node[0]) * size;
     Object.assign(canvas.dataset, { column: node[0], row: node[1] });
-    part("place").textContent = `x ${number(x, 2)} u, y ${number(y, 2)} u`;
+    part("place").textContent = `at x ${number(x, 2)} u, y ${number(y, 2)} u`;
     showCode(part("bars"), codes.subarray(first, first + size));
     draw();
   }

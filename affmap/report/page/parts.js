@@ -25,7 +25,7 @@ function number(value, digits) {
 }
 
 /** Select boxes, one for each key that differs; a later one offers what the earlier ones leave. Calls `show(item)`. */
-function choose(place, keys, items, show) {
+function choose(place, keys, items, first, show) {
   const boxes = keys.map((key, index) => {
     const label = document.createElement("label");
     const box = document.createElement("select");
@@ -54,7 +54,7 @@ function choose(place, keys, items, show) {
     show(chosen);
   }
 
-  set(items[0]);
+  set(items[first]);
 }
 
 /** A context code as bars from −1 to 1, with numbers. */
@@ -76,6 +76,8 @@ function showCode(place, code) {
     row.lastChild.textContent = number(value, 2);
   });
 }
+
+const WIDE = 240; // pixels a unit in a wide page; in a narrow one lines are thinner, and at least a pixel
 
 /** A canvas that shows a world of some size. */
 class Picture {
@@ -130,7 +132,7 @@ class Picture {
   stroke(color, pixels, opacity = 1) {
     this.context.globalAlpha = opacity;
     this.context.strokeStyle = color;
-    this.context.lineWidth = (pixels * devicePixelRatio) / this.scale;
+    this.context.lineWidth = Math.max(pixels / WIDE, devicePixelRatio / this.scale);
     this.context.stroke();
     this.context.globalAlpha = 1;
   }
@@ -147,7 +149,7 @@ class Picture {
   }
 
   arrow(x, y, [dx, dy], color, radius) {
-    this.ring(x, y, radius, radius, color, 1.2);
+    this.ring(x, y, radius, radius, color, 1.5);
     const wing = (side) => [x + 0.5 * dx - 0.35 * side * dy, y + 0.5 * dy + 0.35 * side * dx];
     this.line([[x - dx, y - dy], [x + dx, y + dy]], "#595959", 0.9);
     this.line([wing(1), [x + dx, y + dy], wing(-1)], "#595959", 0.9);

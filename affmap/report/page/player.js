@@ -11,7 +11,7 @@ for (const root of document.querySelectorAll(".player")) {
   let run;
   let playing = null; // or when the step was that it started from, and which
 
-  choose(part("choices"), data.keys, data.runs, (chosen) => {
+  choose(part("choices"), data.keys, data.runs, data.first, (chosen) => {
     run = open(chosen, data);
     slider.max = run.steps;
     part("views").replaceChildren(...run.world.channels.map(channelPicture));
