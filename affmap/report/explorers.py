@@ -4,6 +4,7 @@ import base64
 import io
 from typing import Any
 
+import numpy as np
 from matplotlib.image import imsave
 
 from affmap.report import blocks
@@ -27,7 +28,7 @@ def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
         maps += [_map(part, colors, settings) for part, colors in zip(parts, paint(parts, 0), strict=True)]
     if not maps:
         return None
-    spacing = maps[0]["spacing"]
+    spacing = maps[0]["spacing"][0]
     caption = (
         "Affordance maps of the first member, coloured as in the figure of maps. Point at one, or move with the arrow "
         f"keys: the bars are the context code at the nearest of the nodes that are {spacing:.2g} u apart. Codes lie "
@@ -40,9 +41,9 @@ def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
 
 def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, Any]:
     """A map of the first member: its picture `[Y, X, 3]`, and the codes at every so many nodes."""
-    x, y = part.maps.x, part.maps.y
-    pitch = float(x[1] - x[0])
-    stride = max(1, round(SPACING / pitch))
+    axes = np.array([(nodes[0], nodes[-1], nodes[1] - nodes[0]) for nodes in (part.maps.x, part.maps.y)])
+    first, last, pitch = axes.T  # x and y each, u
+    stride = max(1, round(SPACING / float(pitch[0])))
     picture = io.BytesIO()
     unsigned: Any = {"Software": None}  # the same bytes by any version of Matplotlib
     imsave(picture, colors, origin="lower", format="png", metadata=unsigned)
@@ -50,9 +51,8 @@ def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, A
         "choice": [readable(part.world.name, settings), str(part.job.context_size)],
         "world": describe(part.world),
         "picture": f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}",
-        # The picture's edges: half a node beyond the outer ones.
-        "edges": [float(edge) for edge in (x[0] - pitch / 2, y[0] - pitch / 2, x[-1] + pitch / 2, y[-1] + pitch / 2)],
-        "origin": [float(x[0]), float(y[0])],
-        "spacing": round(stride * pitch, 9),
+        "edges": [(first - pitch / 2).tolist(), (last + pitch / 2).tolist()],  # a node is in the middle of its pixel
+        "origin": first.tolist(),
+        "spacing": (stride * pitch).round(9).tolist(),
         "codes": pack(part.maps.codes[0, ::stride, ::stride], CODE),
     }

@@ -1,7 +1,7 @@
 """A document's blocks -> PDF and HTML: one content, two layouts (`report.typ`, `report.html.jinja`).
 
-Both are whole in themselves: the PDF has Typst's embedded fonts, the page its figures, style and script (`page/`); neither
-asks a network.
+Both are whole in themselves: the PDF has Typst's embedded fonts, the page its figures, style and script (`page/`), and
+neither asks a network.
 """
 
 import base64

@@ -138,7 +138,7 @@ def test_the_page_needs_no_other_file(reports: dict[str, Path], whole: Path, nam
 def test_a_figure_too_large_as_svg_is_in_the_page_as_png(
     results: dict[str, Results], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(figures, "MAX_SVG", 20_000)
+    monkeypatch.setattr(figures, "MAX_SVG", 50_000)
     write(tmp_path, Results(results["exp1"].jobs[:1]), "exp1")
     images = Page(tmp_path / "report.html").images
     kinds = {path.stem: path.with_suffix(".svg").is_file() for path in tmp_path.glob("figures/*.png")}

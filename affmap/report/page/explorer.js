@@ -19,7 +19,7 @@ for (const root of document.querySelectorAll(".explorer")) {
   });
   painted.addEventListener("load", draw);
 
-  /** Show a node: the nearest one where there is none. */
+  /** Show a node, or where there is none the nearest one. */
   function point([column, row]) {
     const [rows, columns, size] = map.codes.shape;
     node = [Math.min(columns - 1, Math.max(0, column)), Math.min(rows - 1, Math.max(0, row))];
@@ -32,11 +32,11 @@ for (const root of document.querySelectorAll(".explorer")) {
   }
 
   function position(place) {
-    return place.map((index, axis) => map.origin[axis] + index * map.spacing);
+    return place.map((index, axis) => map.origin[axis] + index * map.spacing[axis]);
   }
 
   function draw() {
-    const { world, edges: [left, low, right, high] } = map;
+    const { world, edges: [[left, low], [right, high]] } = map;
     picture.begin(world);
     const { context } = picture;
     context.imageSmoothingEnabled = false;
@@ -51,7 +51,7 @@ for (const root of document.querySelectorAll(".explorer")) {
   }
 
   function follow(event) {
-    point(picture.at(event).map((along, axis) => Math.round((along - map.origin[axis]) / map.spacing)));
+    point(picture.at(event).map((along, axis) => Math.round((along - map.origin[axis]) / map.spacing[axis])));
   }
   canvas.addEventListener("pointermove", follow);
   canvas.addEventListener("pointerdown", follow);
