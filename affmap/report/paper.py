@@ -122,7 +122,8 @@ def _blocks(
     found += [
         blocks.paragraph(
             f"{sentences.verdict_count(together, 'its experiments')} How this was decided, and every part of these "
-            "claims, is said below the experiments; the p of a claim of several parts is the largest of theirs."
+            "claims, is said below the experiments; the p of a claim of several parts is the largest of theirs. The "
+            "pages of the experiments' own reports play their runs and tell the codes of their maps."
         ),
         blocks.claims(_rows(parts, scores)),
         blocks.heading("What was run, and what it took"),

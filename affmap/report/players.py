@@ -55,7 +55,8 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
         "deviations": NUM_DEVIATIONS,
         "extent": EXTENT,
     }
-    return blocks.player(data, _caption(results, max(map(len, chosen.values()))), _legend(list(worlds)))
+    present = {circle.effect for world, _ in worlds for circle in world.circles}
+    return blocks.player(data, _caption(results, max(map(len, chosen.values())), present), _legend(present))
 
 
 def describe(world: World, sight: Sight | None = None) -> dict[str, Any]:
@@ -133,7 +134,7 @@ def _code(job: Job, codes: Floats | None) -> dict[str, Packed | str | None]:
     return {"code": None, "without": reason}
 
 
-def _caption(results: Results, count: int) -> str:
+def _caption(results: Results, count: int, present: set[str]) -> str:
     which = "that run" if count == 1 else f"the {count} runs that are nearest to it in rank, itself included,"
     found = (
         "The rule by which the figure of trajectories was drawn chooses a run of the first member in each layout; in "
@@ -141,6 +142,8 @@ def _caption(results: Results, count: int) -> str:
         f"the path that the vehicle imagines (circles: {NUM_DEVIATIONS} standard deviations), its throttles, and what "
         "it sees. "
     )
+    if "fog" in present:
+        found += "Inside fog a plan starts at the noisy position that the vehicle reports. "
     if any(results.map_world(job) in results.worlds(job) for job in results.jobs if job.context_size):
         return found + "The context code is that of the member's affordance map at the true position."
     if max(results.context_sizes):
@@ -148,9 +151,8 @@ def _caption(results: Results, count: int) -> str:
     return found + "There are no context codes: no model has a context."
 
 
-def _legend(worlds: list[tuple[World, Sight]]) -> list[tuple[str, str, str]]:
+def _legend(present: set[str]) -> list[tuple[str, str, str]]:
     """Shape, colour and words of what is drawn."""
-    present = {circle.effect for world, _ in worlds for circle in world.circles}
     return [
         ("disc", COLORS["vehicle"], "vehicle"),
         ("line", COLORS["jet"], "throttles"),
