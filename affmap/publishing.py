@@ -13,7 +13,7 @@ from affmap.sweep import Sweep
 from affmap.training.settings import VALIDATION
 from hydra_plugins.hyperopt_sweeper._trials import RESULTS
 
-WITHOUT = ("*.pdf", "*.html", "tensorboard")
+WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 """Not kept: vector figures are in the report's own PDF, which is; all figures in the page; all losses in the tables."""
 
 

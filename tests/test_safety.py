@@ -232,6 +232,7 @@ class Page(HTMLParser):
         super().__init__()
         self.tags: list[str] = []
         self.text = ""
+        self.scripts: list[str] = []
         self.feed(page)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -239,7 +240,10 @@ class Page(HTMLParser):
         assert not [name for name, _ in attrs if name.startswith("on")]
 
     def handle_data(self, data: str) -> None:
-        self.text += data
+        if self.cdata_elem == "script":
+            self.scripts.append(data)
+        else:
+            self.text += data
 
 
 def test_text_of_others_is_text_in_reports(tmp_path: Path) -> None:
@@ -263,12 +267,15 @@ def test_text_of_others_is_text_in_reports(tmp_path: Path) -> None:
                 *content.figures(["one"], ["one"], {"one": text}),
                 content.origins([record], text),
                 content.stages(record),
+                blocks.player({"text": text}, text, [("disc", "red", text)]),
             ],
         }
         rendering.write(tmp_path, data)
         page = Page((tmp_path / "report.html").read_text("utf-8"))
-        assert not {"script", "iframe", "object", "embed"} & set(page.tags) and page.tags.count("img") == 1
-        assert page.text.count(text) >= 8
+        assert not {"iframe", "object", "embed"} & set(page.tags) and page.tags.count("img") == 1
+        data, own = page.scripts
+        assert json.loads(data) == {"text": text} and own == rendering.script()
+        assert page.text.count(text) >= 10
         assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
 
 

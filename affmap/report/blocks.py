@@ -47,3 +47,13 @@ def claims(rows: Sequence[Mapping[str, str]]) -> Block:
 def figure(name: str, caption: str) -> Block:
     """A drawn figure: its place in the folder `figures`, without an ending."""
     return {"kind": "figure", "name": name, "caption": caption}
+
+
+def player(data: Mapping[str, Any], caption: str, legend: Sequence[tuple[str, str, str]]) -> Block:
+    """Runs to be played, in the page only; `players.py` says what the data are. Legend: shape, colour and words."""
+    return {"kind": "player", "data": dict(data), "caption": caption, "legend": [list(entry) for entry in legend]}
+
+
+def explorer(data: Mapping[str, Any], caption: str) -> Block:
+    """Affordance maps to be pointed at, in the page only; `explorers.py` says what the data are."""
+    return {"kind": "explorer", "data": dict(data), "caption": caption}

@@ -28,6 +28,8 @@ RULE = (
 
 MAIN_FIGURES = "The first figure has the parts of the paper's own, the second shows moments of single runs."
 
+LOOK_CLOSER = "Runs step by step, maps point by point"
+
 MORE_FIGURES = (
     "The figures show affordance maps of more members and context sizes where there are any, the worlds, where "
     "exploration has been, and how runs ended."

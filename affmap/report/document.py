@@ -7,7 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from affmap.report import blocks, captions, claims, comparison, content, figures, provenance, rendering, sealed
+from affmap.report import (
+    blocks,
+    captions,
+    claims,
+    comparison,
+    content,
+    explorers,
+    figures,
+    players,
+    provenance,
+    rendering,
+    sealed,
+)
 from affmap.report.claims import Score
 from affmap.report.groups import make_groups
 from affmap.report.settings import ReportSettings
@@ -113,6 +125,9 @@ def _blocks(
         blocks.heading("Results"),
         blocks.paragraph(content.MAIN_FIGURES),
         *shown("results", "trajectories"),
+        blocks.heading(content.LOOK_CLOSER),
+        players.player(results, settings),
+        *filter(None, [explorers.explorer(results, settings)]),
         *content.tests(scores, results),
         *content.medians(results, settings),
         *([blocks.paragraph(content.RANGES)] if settings.axes else []),

@@ -30,17 +30,28 @@ class Example(NamedTuple):
 def choose_examples(results: Results, layout: str) -> list[Example]:
     """The runs in a layout that are shown, by `EXAMPLE_RULE`; of EB, or of GB where that alone was run."""
     planner = results.planners[0]
-    runs = results.runs[(results.runs["planner"] == planner) & (results.runs["layout"] == layout)]
-    sizes = sorted({int(runs["context_size"].min()), int(runs["context_size"].max())})
-    runs = runs[runs["context_size"].isin(sizes) & (runs["member"] == runs["member"].min())]
-    distances = runs.groupby("run")["mean_distance"].mean().sort_values(kind="stable")
-    member, run = int(runs["member"].iloc[0]), int(distances.index[(len(distances) - 1) // 2])
+    run = middle_runs(results, layout)[0]
     examples = []
-    for job in filter(None, (results.job(size, planner, layout) for size in sizes)):
+    for job in filter(None, (results.job(size, planner, layout) for size in _sizes(results, layout))):
         paths = results.trajectories(job)
-        index = int(np.flatnonzero((paths.member == member) & (paths.run == run))[0])
+        member, index = first_member(paths, run)
         examples.append(Example(job, member, run, index, half_way(paths, index), paths))
     return examples
+
+
+def middle_runs(results: Results, layout: str) -> list[int]:
+    """Numbers of the first member's runs in a layout: the one that `EXAMPLE_RULE` chooses, then its next in rank."""
+    runs = results.runs[(results.runs["planner"] == results.planners[0]) & (results.runs["layout"] == layout)]
+    runs = runs[runs["context_size"].isin(_sizes(results, layout)) & (runs["member"] == runs["member"].min())]
+    distances = runs.groupby("run")["mean_distance"].mean().sort_values(kind="stable")
+    away = np.abs(np.arange(len(distances)) - (len(distances) - 1) // 2)  # ranks from the lower median
+    return [int(distances.index[rank]) for rank in np.argsort(away, kind="stable")]
+
+
+def first_member(paths: Trajectories, run: int) -> tuple[int, int]:
+    """The first member, and the place of one of its runs among the B."""
+    member = int(paths.member.min())
+    return member, int(np.flatnonzero((paths.member == member) & (paths.run == run))[0])
 
 
 def half_way(paths: Trajectories, index: int) -> int:
@@ -49,3 +60,9 @@ def half_way(paths: Trajectories, index: int) -> int:
     distance = np.linalg.norm(paths.position[index, :steps] - paths.goal[index], axis=-1)  # [T]
     arrived = distance <= distance[0] / 2
     return int(arrived.argmax() if arrived.any() else distance.argmin())
+
+
+def _sizes(results: Results, layout: str) -> list[int]:
+    """The smallest and the largest context size of the first planner in a layout."""
+    runs = results.runs[(results.runs["planner"] == results.planners[0]) & (results.runs["layout"] == layout)]
+    return sorted({int(runs["context_size"].min()), int(runs["context_size"].max())})

@@ -1,4 +1,4 @@
-"""The figures of a report: those of numbers, and the files of all; PNG to look at, PDF (vector) to print.
+"""The figures of a report: those of numbers, and the files of all; PNG to look at, PDF to print, SVG for the page.
 
 The same results give the same bytes.
 """
@@ -34,14 +34,19 @@ STYLE: Any = {
     "legend.fontsize": 7.5,
     "legend.title_fontsize": 7.5,
     "pdf.fonttype": 42,  # text stays text
+    "svg.fonttype": "path",  # a reader's browser may lack the font, and labels would not fit
+    "svg.hashsalt": "affmap",  # identifiers are random without it
 }
+
+MAX_SVG = 1_500_000
+"""Bytes; a figure that would be larger as SVG has none, and the page shows its PNG: thousands of marks load slowly."""
 
 SPACING = "lookup.spacing"
 """The key of compared look-ups, whose context codes have errors."""
 
 
 def draw_all(results: Results, settings: ReportSettings, folder: Path, notice: str | None) -> list[str]:
-    """Draw every figure the results allow, save each as PNG and PDF in `folder`, and return their names."""
+    """Draw every figure the results allow, save each as PNG, PDF and SVG in `folder`, and return their names."""
     folder.mkdir(parents=True, exist_ok=True)
     names = []
     with mpl.rc_context(STYLE):
@@ -49,6 +54,7 @@ def draw_all(results: Results, settings: ReportSettings, folder: Path, notice: s
             figure = draw(results, settings)
             if figure is not None:
                 _save(figure, folder / name, notice)
+                _save_svg(figure, folder / f"{name}.svg")
                 names.append(name)
     return names
 
@@ -138,6 +144,13 @@ def _save(figure: Figure, path: Path, notice: str | None) -> None:
     figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
     figure.set_layout_engine("none")  # as it was laid out for the first file, once
     figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
+
+
+def _save_svg(figure: Figure, path: Path) -> None:
+    """Save a figure as it was laid out for the other files, unless it is larger than `MAX_SVG`."""
+    figure.savefig(path, metadata={"Date": None, "Creator": None})
+    if path.stat().st_size > MAX_SVG:
+        path.unlink()
 
 
 def main_results(results: Results, settings: ReportSettings) -> Figure:

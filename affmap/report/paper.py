@@ -102,11 +102,12 @@ def _rows(parts: Sequence[Part], scores: Sequence[Sequence[Score]]) -> list[dict
 def _copy_figures(part: Part, folder: Path) -> list[str]:
     """Take over the figures of an experiment's own report, into a folder of its own; returns their names."""
     target = folder / part.output.name
+    shutil.rmtree(target, ignore_errors=True)  # a figure may have been drawn in other formats
     target.mkdir(parents=True, exist_ok=True)
     names = [name for name in FIGURES if (part.output / "figures" / f"{name}.pdf").is_file()]
     for name in names:
-        for kind in ("pdf", "png"):
-            shutil.copyfile(part.output / "figures" / f"{name}.{kind}", target / f"{name}.{kind}")
+        for path in (part.output / "figures").glob(f"{name}.*"):
+            shutil.copyfile(path, target / path.name)
     return names
 
 
@@ -121,7 +122,8 @@ def _blocks(
     found += [
         blocks.paragraph(
             f"{sentences.verdict_count(together, 'its experiments')} How this was decided, and every part of these "
-            "claims, is said below the experiments; the p of a claim of several parts is the largest of theirs."
+            "claims, is said below the experiments; the p of a claim of several parts is the largest of theirs. The "
+            "pages of the experiments' own reports play their runs and tell the codes of their maps."
         ),
         blocks.claims(_rows(parts, scores)),
         blocks.heading("What was run, and what it took"),

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from affmap.view import Map
+
 PLANNERS = {"cem": "EB", "gradient": "GB"}
 """The paper's short names: evolutionary-based and gradient-based active inference."""
 
@@ -83,6 +85,23 @@ class World:
         return tuple(circle for circle in self.circles if circle.effect == "obstacle")
 
 
+class Sight(NamedTuple):
+    """What a layout looks like to the vehicle."""
+
+    channels: tuple[str, ...]
+    """Names of the K channels of a view."""
+    map: Map
+    """What views are cut from."""
+
+    @classmethod
+    def of(cls, layout: Mapping[str, Any]) -> "Sight":
+        """The looks of a layout, as a stage has it."""
+        channels = tuple(layout["channels"])
+        circles = tuple((*c["center"], c["radius"], channels.index(c["channel"])) for c in layout["circles"])
+        border = channels.index(layout["border_channel"])
+        return cls(channels, Map(tuple(layout["size"]), len(channels), border, circles))
+
+
 class Maps(NamedTuple):
     """Affordance maps of all members of one training."""
 
@@ -139,6 +158,12 @@ class Trajectories(NamedTuple):
     """`[B, T, H, 2]` mean of the predicted positions at each step."""
     planned_std: Floats
     """`[B, T, H, 2]` standard deviation of the predicted positions (accumulated over the horizon)."""
+    action: Floats
+    """`[B, T, 4]` opening of the throttles during the step, 0 to 1."""
+    prediction_error: Floats
+    """`[B, T]` negative log-likelihood of the change of position in the step, nats."""
+    touching: NDArray[np.bool_]
+    """`[B, T]`: did the vehicle touch a surface at the end of the step?"""
     in_fog: NDArray[np.bool_]
     """`[B, T]`: did the vehicle overlap fog at the end of the step?"""
     reached: NDArray[np.bool_]

@@ -1,9 +1,11 @@
 """A document's blocks -> PDF and HTML: one content, two layouts (`report.typ`, `report.html.jinja`).
 
-Both are whole in themselves: the PDF has Typst's embedded fonts, the page its figures; neither asks a network.
+Both are whole in themselves: the PDF has Typst's embedded fonts, the page its figures, style and script (`page/`), and
+neither asks a network.
 """
 
 import base64
+import hashlib
 import json
 import struct
 from collections.abc import Mapping
@@ -12,10 +14,14 @@ from typing import Any
 
 import jinja2
 import typst
+from markupsafe import Markup
 
 from affmap.report.figures import DPI
 
 _HERE = Path(__file__).parent
+
+SCRIPTS = ("tables", "parts", "moment", "player", "explorer")
+"""Files of `page/`, in the order in which they need each other."""
 
 
 def write(output: Path, data: Mapping[str, Any]) -> None:
@@ -31,16 +37,12 @@ def write(output: Path, data: Mapping[str, Any]) -> None:
 
 def pdf(output: Path, data: Mapping[str, Any], **how: Any) -> bytes:
     """Set a document with Typst; `how` is passed on (`format`, `ppi`)."""
-    widths = {
-        block["name"]: figure_width(output / "figures" / f"{block['name']}.png")
-        for block in data["blocks"]
-        if block["kind"] == "figure"
-    }
+    printed = [{key: value for key, value in block.items() if key != "data"} for block in data["blocks"]]
     compiler = typst.Compiler(
         (_HERE / "report.typ").read_bytes(),
         root=output,
         ignore_system_fonts=True,
-        sys_inputs={"data": json.dumps({**data, "widths": widths})},
+        sys_inputs={"data": json.dumps({**data, "blocks": printed, "widths": _widths(output, data)})},
     )
     pages = compiler.compile(**{"format": "pdf", **how})
     first = pages[0] if isinstance(pages, list) else pages  # a list is for formats with a file per page
@@ -55,10 +57,40 @@ def html(output: Path, data: Mapping[str, Any]) -> str:
     )
     template = environment.from_string((_HERE / "report.html.jinja").read_text("utf-8"))
 
-    def embedded(name: str) -> str:
-        return base64.b64encode((output / "figures" / f"{name}.png").read_bytes()).decode("ascii")
+    style = (_HERE / "page" / "page.css").read_text("utf-8")
+    return template.render(
+        **data,
+        widths=_widths(output, data),
+        embedded=lambda name: _embedded(output / "figures" / name),
+        style=Markup(style),
+        script=Markup(script()),
+        policy=policy(script()),
+    )
 
-    return template.render(**data, embedded=embedded)
+
+def _widths(output: Path, data: Mapping[str, Any]) -> dict[str, float]:
+    """Name of a figure -> its width, inches."""
+    names = [block["name"] for block in data["blocks"] if block["kind"] == "figure"]
+    return {name: figure_width(output / "figures" / f"{name}.png") for name in names}
+
+
+def script() -> str:
+    """The page's own script."""
+    files = [(_HERE / "page" / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
+    return "\n".join(['"use strict";', *files])
+
+
+def policy(text: str) -> str:
+    """What a page may do: run this script, which is its own, and no other; fetch nothing."""
+    digest = base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+    return f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:"
+
+
+def _embedded(path: Path) -> str:
+    """A figure as an address that holds it: as SVG where there is one."""
+    svg = path.with_name(f"{path.name}.svg")
+    kind, file = ("svg+xml", svg) if svg.is_file() else ("png", path.with_name(f"{path.name}.png"))
+    return f"data:image/{kind};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
 
 
 def figure_width(png: Path) -> float:

@@ -77,7 +77,7 @@ def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
 
 def code() -> str:
     """A digest of this package's own files."""
-    files = sorted(path for path in HERE.rglob("*") if path.suffix in (".py", ".typ", ".jinja", ".md"))
+    files = sorted(path for path in HERE.rglob("*") if path.suffix in (".py", ".typ", ".jinja", ".js", ".css", ".md"))
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 
 from affmap.provenance import PROVENANCE, canonical
 from affmap.reading import arrays, reading
-from affmap.report.records import PLANNERS, STAGES, Exploration, Job, Maps, Trajectories, World
+from affmap.report.records import PLANNERS, STAGES, Exploration, Job, Maps, Sight, Trajectories, World
 from affmap.settings import ConfigError
 
 LAYOUTS = "layouts.json"
@@ -156,10 +156,14 @@ class Results:
 
     def worlds(self, job: Job) -> list[World]:
         """The world of each of a job's B runs."""
-        config = self.provenance[job.control[0]]["config"]
-        flown = [layout for folder in job.control for layout in _read_json(folder / LAYOUTS)]
+        vehicle = self.provenance[job.control[0]]["config"]["vehicle"]
         with reading(job.control[0] / LAYOUTS):
-            return [World.of(layout, config["vehicle"]) for layout in flown]
+            return [World.of(layout, vehicle) for layout in _read_layouts(job)]
+
+    def sights(self, job: Job) -> list[Sight]:
+        """What each of a job's B runs could see."""
+        with reading(job.control[0] / LAYOUTS):
+            return [Sight.of(layout) for layout in _read_layouts(job)]
 
     def trajectories(self, job: Job) -> Trajectories:
         """What control recorded in one setting."""
@@ -232,6 +236,11 @@ def write_runs(folder: Path, experiment: str, runs: pd.DataFrame) -> None:
 def write_csv(path: Path, table: pd.DataFrame) -> None:
     """Write a table with the same bytes on every machine."""
     table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
+
+
+def _read_layouts(job: Job) -> list[dict[str, Any]]:
+    """The layout of each of a job's B runs."""
+    return [layout for folder in job.control for layout in _read_json(folder / LAYOUTS)]
 
 
 def _read_json(path: Path) -> Any:

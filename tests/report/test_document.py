@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from affmap.report import claims, document, paper, provenance, rendering, sealed, sentences
+from affmap.report import claims, document, figures, paper, provenance, rendering, sealed, sentences
 from affmap.report.claims import CLAIMS
 from affmap.report.paper import Part
 from affmap.report.records import Job
@@ -24,6 +24,7 @@ from affmap.report.text import NOTHING, listed, points, span
 from affmap.settings import ConfigError
 
 CONF = Path(__file__).parents[2] / "conf"
+SVG = "data:image/svg+xml;base64,"
 NOTICE = "SMOKE RUN: 2 members, 2 epochs; not a result"
 MISSING = "2 of 4 settings are not complete (C = 16, 32)."
 COMMAND = "make exp1 SCALE=smoke"
@@ -104,7 +105,7 @@ class Page(HTMLParser):
         self.links += [values[key] or "" for key in ("href", "src") if key in values]
         if tag == "img":
             self.images.append(values["src"] or "")
-        if tag not in ("img", "meta", "br"):
+        if tag not in ("img", "meta", "br", "input"):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -117,7 +118,7 @@ class Page(HTMLParser):
 @pytest.mark.parametrize("name", DRAWN)
 def test_everything_that_was_promised_is_there(reports: dict[str, Path], name: str) -> None:
     tables = {f"tables/{table}" for table in ("runs.csv", "validation.csv", "claims.csv", "medians.csv", "claims.md")}
-    drawn = {f"figures/{figure}.{kind}" for figure in DRAWN[name] for kind in ("png", "pdf")}
+    drawn = {f"figures/{figure}.{kind}" for figure in DRAWN[name] for kind in ("png", "pdf", "svg")}
     files = {path.relative_to(reports[name]).as_posix() for path in reports[name].rglob("*") if path.is_file()}
     assert files == tables | drawn | {"report.pdf", "report.html", "provenance.json"}
 
@@ -127,11 +128,23 @@ def test_the_page_needs_no_other_file(reports: dict[str, Path], whole: Path, nam
     """Python's parser: every figure is in the page, every link leads to a part of it, every tag is closed."""
     folder = whole if name == "paper" else reports[name]
     page = Page(folder / "report.html")
-    images = [base64.b64decode(image.removeprefix("data:image/png;base64,"), validate=True) for image in page.images]
-    drawn = {path.read_bytes() for path in folder.glob("figures/**/*.png")}
+    images = [base64.b64decode(image.removeprefix(SVG), validate=True) for image in page.images]
+    drawn = {path.read_bytes() for path in folder.glob("figures/**/*.svg")}
     assert set(images) == drawn and len(images) == len(drawn)
-    assert all(link.startswith(("data:image/png;base64,", "#part-")) for link in page.links)
+    assert all(link.startswith((SVG, "#part-")) for link in page.links)
     assert not page.open and not re.search("https?:|@import|url\\(", (folder / "report.html").read_text("utf-8"))
+
+
+def test_a_figure_too_large_as_svg_is_in_the_page_as_png(
+    results: dict[str, Results], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "MAX_SVG", 50_000)
+    write(tmp_path, Results(results["exp1"].jobs[:1]), "exp1")
+    images = Page(tmp_path / "report.html").images
+    kinds = {path.stem: path.with_suffix(".svg").is_file() for path in tmp_path.glob("figures/*.png")}
+    assert any(kinds.values()) and not all(kinds.values())
+    assert sum(image.startswith(SVG) for image in images) == sum(kinds.values())
+    assert sum(image.startswith("data:image/png;base64,") for image in images) == len(kinds) - sum(kinds.values())
 
 
 @pytest.mark.parametrize("name", DRAWN)
@@ -243,8 +256,8 @@ def test_settings_that_colours_cannot_tell_apart_are_refused(results: dict[str, 
 
 
 def test_the_notice_is_red_on_every_figure(reports: dict[str, Path]) -> None:
-    for name, figures in DRAWN.items():
-        for figure in figures:
+    for name, drawn in DRAWN.items():
+        for figure in drawn:
             assert _red_pixels((reports[name] / "figures" / f"{figure}.png").read_bytes(), 60) > 500, (name, figure)
 
 

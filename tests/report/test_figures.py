@@ -232,7 +232,9 @@ def test_half_way_is_the_first_step_with_half_of_the_distance_left() -> None:
     position = np.zeros((1, 6, 2))
     position[0, :, 0] = [0.0, 0.3, 0.6, 0.4, 0.9, 1.0]
     plans, never, ids = np.zeros((1, 5, 20, 2)), np.zeros((1, 5), bool), np.zeros(1, int)
-    paths = Trajectories(position, np.array([[1.0, 0.0]]), plans, plans, never, never, ids, ids)
+    actions, errors = np.zeros((1, 5, 4)), np.zeros((1, 5))
+    goal = np.array([[1.0, 0.0]])
+    paths = Trajectories(position, goal, plans, plans, actions, errors, never, never, never, ids, ids)
     assert examples.half_way(paths, 0) == 2
     stuck = paths._replace(position=position * 0.4)
     assert examples.half_way(stuck, 0) == 4, "never half way: the closest step that has a plan"
