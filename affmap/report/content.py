@@ -51,7 +51,7 @@ def experiment(results: Results, scores: Sequence[Score], settings: ReportSettin
         blocks.bullets([*sentences.changes(results, settings), *sentences.uncrossable(results, settings)]),
         blocks.heading("What was run"),
         blocks.paragraph(sentences.setting(results)),
-        blocks.table(["Stage", "Folders", "Seconds in total, each since it was last started"], costs),
+        blocks.table(["Stage", "Folders", "Seconds in total, all attempts together"], costs),
     ]
 
 

@@ -177,7 +177,7 @@ def _costs(parts: Sequence[Part]) -> list[Block]:
     cores = sorted({record["machine"]["cores"] for record in records})
     return [
         blocks.paragraph(
-            "Minutes on the clock of every process, each since it was last started; in brackets the number of "
+            "Minutes on the clock of every process, all attempts together; in brackets the number of "
             "processes. What two experiments share is counted with the first. A process has one thread unless "
             f"configured otherwise; the machine had {' or '.join(map(str, cores))} cores, and other processes may "
             "have been running beside these."

@@ -124,7 +124,7 @@ def setting(results: Results) -> str:
         f"Context sizes {sizes}; {span(members)} members each, trained for {epochs} epochs in {_quoted(list(worlds))}; "
         f"planners: {planners}; {len(results.runs)} runs of control in total, in {_quoted(results.layouts)}. All "
         "stages together, those shared with other experiments included, took "
-        f"{number(seconds / 60, 1)} process minutes, each since it was last started; the largest process used "
+        f"{number(seconds / 60, 1)} process minutes, all attempts together; the largest process used "
         f"{number(memory, 0)} MiB."
     )
 
