@@ -68,8 +68,8 @@ $(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requiremen
 	$(VENV)-bench/bin/python -m pip install --quiet --no-deps --requirement tests/benchmarks/requirements.txt
 	touch $@
 
-test: $(READY)  ## run the tests
-	$(BIN)/python -m pytest
+test: $(READY)  ## run the tests, a process on each core
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 --dist loadfile $(ARGS)
 
 slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters (Ray, submitit, a stand-in of SLURM); train PPO
 	$(VENV)-slow/bin/python -m pytest -m slow

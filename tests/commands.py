@@ -1,5 +1,6 @@
 """The commands, run as a user runs them, at the tiniest scale."""
 
+import logging
 import os
 import subprocess
 import sys
@@ -7,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from hydra.core.hydra_config import HydraConfig
 
 from affmap import publishing, reporting, run, sweep
 from affmap.config import Config
@@ -48,10 +50,14 @@ def command(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
 def in_process(monkeypatch: pytest.MonkeyPatch, entry: str, arguments: Sequence[str]) -> int:
     """The same function that the console script calls, with these arguments; its exit status."""
     monkeypatch.setattr(sys, "argv", [entry, *arguments])
+    handlers = list(logging.root.handlers)
     try:
         COMMANDS[entry]()
     except SystemExit as leaving:
         return int(leaving.code or 0)
+    finally:  # what Hydra leaves to the end of the process
+        logging.root.handlers = handlers
+        HydraConfig.instance().cfg = None
     return 0
 
 

@@ -1,128 +1,31 @@
-"""Whatever happens to a sweep, the same command ends with the tables of an undisturbed one, or says what to do.
+"""Whatever else happens to a sweep, the same command ends with the tables of an undisturbed one, or says what to do.
 
-A real sweep at the tiniest scale, run by the real command; every job in a process forked from one that has imported
-everything, so that a run takes a second.
+Real sweeps (`sweeps.py`).
 """
 
-import multiprocessing
 import os
 import re
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from multiprocessing.context import ForkServerProcess
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sweeps import LINE, finish, line, results, said, start, undisturbed_sweep
 
 from affmap import run, stages, status
 from affmap.stage import StoreError
 from affmap.sweep import Sweep
 
-LINE = [
-    "scale=smoke",
-    "members=1",
-    "data.num_sequences=4",
-    "data.num_validation=1",
-    "data.num_steps=12",
-    "training.num_epochs=4",
-    "training.snapshot_epochs=[2]",
-    "control.num_steps=3",
-    "planner.num_iterations=1",
-    "report.map_spacing=0.5",
-    "lookup.spacing=0.5",
-    "model.context_size=0,1",
-    "hydra.launcher.n_jobs=1",
-]
-NUM_KILLS = 100
-CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["affmap.run", "affmap.training.fit", "affmap.control.episodes", "joblib"])
-
-
-def line(folder: Path) -> list[str]:
-    return [*LINE, f"store={folder / 'store'}", f"reference={folder / 'reference'}", f"output={folder / 'output'}"]
-
-
-def affmap(folder: Path, overrides: Sequence[str], limit: int | None) -> None:
-    """The command, in a process of its own; no file may be longer than `limit` bytes."""
-    from affmap import run
-
-    os.setsid()
-    output = os.open(folder / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    os.dup2(output, 1)
-    os.dup2(output, 2)
-    if limit:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    sys.argv = ["affmap", *line(folder), *overrides]
-    run.main()
-
-
-def start(folder: Path, *overrides: str, limit: int | None = None) -> ForkServerProcess:
-    folder.mkdir(exist_ok=True)
-    process = CONTEXT.Process(target=affmap, args=(folder, overrides, limit))
-    process.start()
-    return process
-
-
-def finish(process: ForkServerProcess) -> int:
-    """The exit status."""
-    process.join(120)
-    assert process.exitcode is not None, "it goes on and on"
-    return process.exitcode
-
-
-def said(folder: Path) -> str:
-    return (folder / "output.txt").read_text()
-
-
-def results(folder: Path) -> dict[str, bytes]:
-    """Every file of the store that holds results: all but where they come from, which tells of times."""
-    files = [path for path in sorted(folder.glob("store/**/*")) if path.is_file() and path.name != "provenance.json"]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a sweep that nothing happened to."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    assert finish(start(folder)) == 0, said(folder)
-    assert len(results(folder)) == 1 * 2 + 2 * 4 + 2 * 1 + 2 * 3
-    return folder
-
-
-def test_a_sweep_killed_at_a_hundred_random_moments_ends_with_the_same_results(
-    undisturbed: Path, tmp_path: Path
-) -> None:
-    """Undisturbed sweep, byte by byte; whenever a sweep is complete, a new one begins."""
-    begin = time.monotonic()
-    assert finish(start(tmp_path / "timed")) == 0
-    seconds = time.monotonic() - begin
-    rng = np.random.default_rng(0)
-    kills, sweeps, folder = 0, 0, tmp_path / "0"
-    where: Counter[str] = Counter()
-    while kills < NUM_KILLS:
-        process = start(folder)
-        process.join(rng.uniform(0.2, 1.0) * seconds)
-        if process.exitcode is None:
-            process.kill()
-            process.join()
-            kills += 1
-            where[next((path.parent.name for path in folder.glob("store/*/*.partial")), "between")] += 1
-            continue
-        assert process.exitcode == 0, said(folder)
-        assert results(folder) == results(undisturbed)
-        sweeps += 1
-        folder = tmp_path / str(sweeps)
-    assert finish(start(folder)) == 0, said(folder)
-    assert results(folder) == results(undisturbed)
-    print(f"{kills} kills ({dict(where)}) in {sweeps + 1} sweeps")
-    assert {"train", "map", "control"} <= where.keys()
+    return undisturbed_sweep(tmp_path_factory.mktemp("undisturbed"))
 
 
 @pytest.mark.parametrize(("number", "workers"), [(signal.SIGINT, 1), (signal.SIGTERM, 2)])
