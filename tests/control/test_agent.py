@@ -13,6 +13,7 @@ from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import ModelSettings, Stack
+from affmap.model.transition import Carry, TransitionModel
 from affmap.model.windows import take_apart
 from affmap.model.world import Situation, rollout
 from affmap.planning.cem import CEMPlanner
@@ -96,7 +97,7 @@ def test_the_first_action_of_the_plan_is_executed_and_states_are_handed_on() -> 
     streams = [np.random.default_rng() for _ in range(B)]
     decision, state = agent.act(seen, agent.initial(B), streams)
     assert torch.equal(decision.action, planner.actions[:, 0])
-    assert state == 8 and planner.states == [(B, "cpu"), (7, streams)]
+    assert state.planner == 8 and planner.states == [(B, "cpu"), (7, streams)]
 
 
 def test_the_expected_path_is_that_of_the_plan() -> None:
