@@ -4,9 +4,9 @@ A line `{{ what arguments }}` of a page becomes
 
 | line | becomes |
 |---|---|
-| `{{ table exp1/tables/claims.md }}` | a table of `runs/reference`; with `\\| text`, its rows that contain the text |
+| `{{ table exp1/tables/claims.md }}` | a table of `runs/reference`; with ` | text`, its rows that contain the text |
 | `{{ medians exp1 }}` | what an experiment came to, by context size |
-| `{{ source affmap.gaussian.nll }}` | a function's source; with `\\| text \\| text`, its lines that contain one of the texts |
+| `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
 
 Blocks of ```` ```math ```` and `` $`...`$ `` are LaTeX and become MathML, which browsers draw without help. Figures and
 reports of `runs/reference` are part of the site as `reference/...`, notebooks are pages.
@@ -98,7 +98,7 @@ def source(name: str, *texts: str) -> str:
     thing: Any = import_module(module)
     for part in path.split("."):
         thing = getattr(thing, part)
-    lines, first = inspect.getsourcelines(getattr(thing, "fget", thing))
+    lines, _ = inspect.getsourcelines(getattr(thing, "fget", thing))
     chosen = [line for line in lines if not texts or any(text in line for text in texts)]
     missing = [text for text in texts if not any(text in line for line in chosen)]
     if missing:
@@ -123,7 +123,8 @@ def _notebook(path: Path) -> Iterator[str]:
         for output in cell.get("outputs", []):
             data = output.get("data", {"text/plain": output.get("text", "")})
             if "image/png" in data:
-                yield f'<img alt="what the cell draws" src="data:image/png;base64,{"".join(data["image/png"]).strip()}">'
+                picture = "".join(data["image/png"]).strip()
+                yield f'<img alt="what the cell draws" src="data:image/png;base64,{picture}">'
             else:
                 yield f"```text\n{''.join(data['text/plain']).strip()}\n```"
 
