@@ -20,6 +20,7 @@ _ON_FIRST_USE = {
     "Stack": "affmap.model.stack",
     "expected_free_energy": "affmap.planning.objective",
     "rollout": "affmap.model.world",
+    "TransitionModel": "affmap.model.transition",
 }
 
 __all__ = ["Circle", "Layout", "Vehicle", "VehicleEnv", *_ON_FIRST_USE]
