@@ -126,7 +126,7 @@ def _notebook(path: Path) -> Iterator[str]:
                 picture = "".join(data["image/png"]).strip()
                 yield f'<img alt="what the cell draws" src="data:image/png;base64,{picture}">'
             else:
-                yield f"```text\n{''.join(data['text/plain']).strip()}\n```"
+                yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
 
 
 MACROS: dict[str, Callable[..., str]] = {"table": table, "medians": medians, "source": source}

@@ -1,7 +1,7 @@
 """Do what a page of the documentation says, in the folder where one is: `python tests/pages.py docs/howto/layout.md`.
 
 In order of the page: a block whose first line is a comment with the name of a file is written to that file, a `diff` is
-applied, `python` runs in one namespace, `console` in a shell. All other blocks are for reading only.
+applied, `python` runs in one namespace, `bash` in a shell. All other blocks are for reading only.
 """
 
 import re
@@ -35,7 +35,7 @@ def follow(page: Path) -> None:
             subprocess.run(["git", "apply", "-"], input=text, text=True, check=True)
         elif language == "python":
             exec(compile("\n" * (line - 1) + text, page, "exec"), namespace)
-        elif language == "console":
+        elif language == "bash":
             subprocess.run(["bash", "-ec", text], check=True)
 
 
