@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish play bench test slow check format clean
+.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish play bench docs test slow check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -27,7 +27,7 @@ $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	export PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
 	$(BIN)/python -m pip install --quiet torch && \
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
 	touch $@
 
 EXPERIMENTS := exp1 exp2 exp3 exp4 exp5
@@ -68,8 +68,12 @@ $(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requiremen
 	$(VENV)-bench/bin/python -m pip install --quiet --no-deps --requirement tests/benchmarks/requirements.txt
 	touch $@
 
+docs: $(READY)  ## build the documentation: build/site/index.html
+	$(BIN)/python -W ignore -m mkdocs build --strict --quiet
+	@echo "The documentation is build/site/index.html"
+
 test: $(READY)  ## run the tests, a process on each core
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 --dist loadfile $(ARGS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses logical --maxprocesses 8 --dist loadfile $(ARGS)
 
 slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters (Ray, submitit, a stand-in of SLURM); train PPO
 	$(VENV)-slow/bin/python -m pytest -m slow
@@ -93,5 +97,5 @@ format: $(READY)  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-clean:  ## remove the virtual environment and caches (what runs wrote stays)
-	rm -rf $(VENV) $(VENV)-bench $(VENV)-slow .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
+clean:  ## remove the virtual environment caches and the documentation's site (what runs wrote stays)
+	rm -rf $(VENV) $(VENV)-bench $(VENV)-slow .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache build/site

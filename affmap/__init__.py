@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from affmap.loading import load
     from affmap.model.lookup import AffordanceMap, ExactLookup
     from affmap.model.stack import Stack
+    from affmap.model.transition import TransitionModel
     from affmap.model.world import rollout
     from affmap.planning.cem import CEMPlanner
     from affmap.planning.gradient import GradientPlanner
@@ -36,6 +37,7 @@ __all__ = [
     "Pilot",
     "Procedural",
     "Stack",
+    "TransitionModel",
     "Vehicle",
     "VehicleEnv",
     "expected_free_energy",
@@ -57,6 +59,7 @@ __getattr__, __dir__ = on_first_use(
         "Pilot": "affmap.control.pilot",
         "Procedural": "affmap.env.procedural",
         "Stack": "affmap.model.stack",
+        "TransitionModel": "affmap.model.transition",
         "Vehicle": "affmap.env.physics",
         "VehicleEnv": "affmap.env.vehicle",
         "expected_free_energy": "affmap.planning.objective",

@@ -23,8 +23,7 @@ from affmap.errors import shown
 from affmap.memory import LIMIT_GIB, demands
 from affmap.model.lookup import LookupSettings
 from affmap.model.stack import ModelSettings
-from affmap.planning.cem import CEMPlanner
-from affmap.planning.gradient import GradientPlanner
+from affmap.planning.kinds import AnyPlanner
 from affmap.random import generator
 from affmap.report.settings import ReportSettings
 from affmap.settings import ConfigError, Count, Folder, Line, Name, Seed, Settings
@@ -119,7 +118,7 @@ class Config(Settings):
     model: ModelSettings
     training: TrainingSettings
     lookup: LookupSettings
-    planner: Annotated[CEMPlanner | GradientPlanner, Field(discriminator="kind")]
+    planner: AnyPlanner
     control: ControlSettings
     report: ReportSettings
 

@@ -17,6 +17,7 @@ from affmap.gaussian import Gaussian, nll
 from affmap.model.codes import ViewCodes
 from affmap.model.lookup import Lookup
 from affmap.model.stack import Stack
+from affmap.model.transition import Carry
 from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner
@@ -76,6 +77,15 @@ class Decision(NamedTuple):
     """Expected change of position in the next step, of `[B, 2]`, u/step, from the view at the vehicle."""
 
 
+class AgentState(NamedTuple):
+    """What B agents remember from step to step."""
+
+    planner: Any
+    """State of their planner."""
+    carry: Carry
+    """Hidden state of their transition models, tensors `[M, B / M, hidden]`."""
+
+
 Watch = Callable[[Tensor, Tensor], None]
 """Called with the candidates `[B, N, H, 4]` of each iteration of a planner, and their costs `[B, N]`."""
 
@@ -105,13 +115,14 @@ class Agent:
         """The same agent in another world, or in B others (member-major)."""
         return Agent(self.stack, self.lookup.elsewhere(self.stack, worlds), self.planner, self.settings)
 
-    def initial(self, num_problems: int) -> Any:
-        """The planner's state before the first step, for B problems."""
-        return self.planner.initial(num_problems, self.settings.device)
+    def initial(self, num_problems: int) -> AgentState:
+        """The state before the first step, for B problems."""
+        carry = self.stack.transition.initial(num_problems // len(self.seeds))
+        return AgentState(self.planner.initial(num_problems, self.settings.device), carry)
 
     def act(
-        self, observation: Observation, state: Any, generators: Generators, watch: Watch | None = None
-    ) -> tuple[Decision, Any]:
+        self, observation: Observation, state: AgentState, generators: Generators, watch: Watch | None = None
+    ) -> tuple[Decision, AgentState]:
         """Plan for all, from where the last plans ended.
 
         Args:
@@ -123,7 +134,7 @@ class Agent:
         Returns:
             The decisions, and the state for the next step.
         """
-        objective = self.objective(observation)
+        objective = self.objective(observation, state.carry)
 
         def watched(actions: Tensor) -> Tensor:
             costs = objective(actions)
@@ -131,29 +142,33 @@ class Agent:
                 watch(actions, costs)
             return costs
 
-        plan, state = self.planner.plan(watched, state, generators)
+        plan, planner_state = self.planner.plan(watched, state.planner, generators)
         with torch.no_grad():
-            path = self.imagine(observation, plan.actions[:, None])
+            path = self.imagine(observation, plan.actions[:, None], state.carry)
             action = plan.actions[:, 0]
-            decision = Decision(action, Gaussian(*(part[:, 0] for part in path)), self._predict(observation, action))
-        return decision, state
+            carry, delta = self._predict(observation, action, state.carry)
+        return Decision(action, Gaussian(*(part[:, 0] for part in path)), delta), AgentState(planner_state, carry)
 
-    def objective(self, observation: Observation) -> Objective:
-        """What plans are to minimise: the expected free energy of the paths that are imagined from an observation."""
+    def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:
+        """What plans are to minimise: the expected free energy of the paths that are imagined from an observation.
+
+        `carry` is that of the agents' state; without one, the flight begins here.
+        """
         goal = observation.goal[:, None]  # one for all candidates
         std = self._goal_std(observation)[:, None]
 
         def objective(actions: Tensor) -> Tensor:
-            path = self.imagine(observation, actions)
+            path = self.imagine(observation, actions, carry)
             return expected_free_energy(path, goal, std, self.settings.beta).total
 
         return objective
 
-    def imagine(self, observation: Observation, actions: Tensor) -> Gaussian:
-        """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u."""
+    def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
+        """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u; `carry` as in `objective`."""
         transition = self.stack.transition
-        situation = Situation(observation.position, observation.delta, transition.initial())
-        return rollout(transition, self.lookup, situation, actions)
+        if carry is None:
+            carry = transition.initial(len(actions) // len(self.seeds))
+        return rollout(transition, self.lookup, Situation(observation.position, observation.delta, carry), actions)
 
     def _goal_std(self, observation: Observation) -> Tensor:
         settings = self.settings
@@ -165,15 +180,14 @@ class Agent:
             settings.near_distance,
         )
 
-    def _predict(self, observation: Observation, action: Tensor) -> Gaussian:
-        """The next change of position, from the view that the vehicle really has, as in training."""
+    def _predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
+        """The next carry and change of position, from the view that the vehicle really has, as in training."""
         num_members = len(self.stack.seeds)
         view, delta, action = (
             part.unflatten(0, (num_members, -1)) for part in (observation.view, observation.delta, action)
         )
-        transition = self.stack.transition
-        _, prediction = transition.step()(transition.initial(), self._codes(view), delta, action)
-        return Gaussian(*(part.flatten(0, 1) for part in prediction))
+        carry, prediction = self.stack.transition.step()(carry, self._codes(view), delta, action)
+        return carry, Gaussian(*(part.flatten(0, 1) for part in prediction))
 
 
 def check_channels(agent: Agent, layout: Layout) -> None:

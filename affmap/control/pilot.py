@@ -4,13 +4,13 @@ For flights that something else drives: a Gymnasium loop, a window, a camera. Ma
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from affmap.control.agent import Agent, Observation, check_channels
+from affmap.control.agent import Agent, AgentState, Observation, check_channels
 from affmap.env.layout import Layout
 from affmap.random import generator
 
@@ -45,7 +45,7 @@ class Pilot:
 
     def reset(self) -> None:
         """Forget the last plan; to be called where the environment is reset."""
-        self._state: Any = self.agent.initial(1)
+        self._state: AgentState = self.agent.initial(1)
         self._generators = [generator(self._seed, "planner", 0)]
         self._tried: tuple[Tensor, Tensor] | None = None
         self._observation: Observation | None = None
@@ -54,6 +54,7 @@ class Pilot:
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """The action `[4]` for what the environment has returned."""
         self._observation = Observation.of([observation], self.agent.settings.device)
+        self._carry = self._state.carry
         decision, self._state = self.agent.act(self._observation, self._state, self._generators, self._watch)
         mean, log_std = decision.path
         self._expected = mean[0].cpu().numpy(), log_std[0].exp().cpu().numpy()
@@ -73,5 +74,5 @@ class Pilot:
             raise ValueError("the pilot has not acted yet; call it with an observation first.")
         actions, costs = self._tried
         with torch.no_grad():
-            candidates = self.agent.imagine(self._observation, actions).mean[0]
+            candidates = self.agent.imagine(self._observation, actions, self._carry).mean[0]
         return Thought(*self._expected, candidates.cpu().numpy(), costs[0].cpu().numpy())

@@ -26,15 +26,24 @@ class ModelSettings(Settings):
 class Stack(nn.Module):
     """M independently seeded members. At context size 0 there is no vision model."""
 
-    def __init__(self, settings: ModelSettings, num_channels: int, seeds: Sequence[int]) -> None:
-        """Draw the initial weights of a member for each of `seeds` (M of them); K = `num_channels`."""
+    def __init__(
+        self,
+        settings: ModelSettings,
+        num_channels: int,
+        seeds: Sequence[int],
+        transition: type[TransitionModel] = TransitionModel,
+    ) -> None:
+        """Draw the initial weights of a member for each of `seeds` (M of them); K = `num_channels`.
+
+        `transition` is the kind of transition model: the paper's, or one of your own.
+        """
         super().__init__()
         self.settings = settings
         self.num_channels = num_channels
         self.seeds = tuple(seeds)
         context_size = settings.context_size
         generators = [torch.Generator().manual_seed(integer(seed, "initial weights")) for seed in seeds]
-        self.transition = TransitionModel(generators, context_size, settings.hidden_size, settings.delta_scale)
+        self.transition = transition(generators, context_size, settings.hidden_size, settings.delta_scale)
         self.vision = VisionModel(generators, num_channels, context_size) if context_size > 0 else None
 
     @property
@@ -44,7 +53,8 @@ class Stack(nn.Module):
 
     def select(self, members: Sequence[int]) -> "Stack":
         """A stack of some of the members, by their places in this one."""
-        chosen = Stack(self.settings, self.num_channels, [self.seeds[member] for member in members])
+        seeds = [self.seeds[member] for member in members]
+        chosen = Stack(self.settings, self.num_channels, seeds, type(self.transition))
         chosen.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
         return chosen.to(next(self.parameters()).device)
 

@@ -13,7 +13,7 @@ from affmap.gaussian import Gaussian
 from affmap.model.stacked import Generators, uniform
 
 Carry = tuple[Tensor, ...]
-"""Hidden state of a transition model, tensors `[M, ..., hidden]`; the MLP's is empty."""
+"""Hidden state of a transition model, tensors `[M, P, hidden]`; the MLP's is empty."""
 
 
 class Step:
@@ -68,8 +68,8 @@ class TransitionModel(nn.Module):
         self.output_factor: Tensor
         self.output_shift: Tensor
 
-    def initial(self) -> Carry:
-        """The carry at the beginning of a sequence."""
+    def initial(self, num_sequences: int = 1) -> Carry:
+        """The carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
         return ()
 
     def step(self) -> Step:

@@ -38,7 +38,7 @@ def rollout(transition: TransitionModel, lookup: Lookup, situation: Situation, a
         Predicted positions after each action, a Gaussian of `[B, N, H, 2]` in u.
     """
     num_problems, num_candidates, horizon, _ = actions.shape
-    num_members = len(transition.output_weight)
+    num_members = len(next(transition.parameters()))
     num_paths = num_problems * num_candidates // num_members  # of each member
 
     def of_paths(start: Tensor) -> Tensor:

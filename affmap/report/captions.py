@@ -114,7 +114,8 @@ def _trajectories(results: Results, settings: ReportSettings) -> str:
                 f"{number(run['mean_distance'])} u"
             )
     noise = " Inside fog a plan starts at the noisy position that the vehicle reports." if fog else ""
-    kind = {"cem": "evolutionary-based", "gradient": "gradient-based"}[results.planners[0]]
+    planner = results.planners[0]
+    kind = {"cem": "evolutionary-based", "gradient": "gradient-based"}.get(planner, planner)
     paper = "As the paper's Figure 5. " if settings.claims == "exp1" else ""
     return (
         f"{paper}One moment of a run with {kind} planning. Shown are not the best runs but, by a rule: "

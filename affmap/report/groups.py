@@ -41,7 +41,8 @@ def make_groups(results: Results, settings: ReportSettings) -> Groups:
         )
     several = len(layouts) > 1
     names = {value: readable(value, settings) for value in (layouts if several else planners)}
-    colors = dict(zip(layouts, LAYOUT_COLORS * len(layouts), strict=False)) if several else PLANNER_COLORS
+    values = layouts if several else [planner for planner in planners if planner not in PLANNER_COLORS]
+    colors = PLANNER_COLORS | dict(zip(values, LAYOUT_COLORS * len(values), strict=False))
     return Groups("layout" if several else "planner", names, {name: colors[value] for value, name in names.items()})
 
 

@@ -116,7 +116,7 @@ def setting(results: Results) -> str:
     members = results.last_epoch.groupby("context_size")["member"].nunique()
     epochs = span(results.last_epoch["epoch"].unique())
     sizes = ", ".join(map(str, results.context_sizes))
-    planners = " and ".join(_PLANNER_NAMES[planner] for planner in results.planners)
+    planners = " and ".join(_PLANNER_NAMES.get(planner, planner) for planner in results.planners)
     worlds = dict.fromkeys(world.name for job in results.jobs for world in results.training_worlds(job))
     memory = max(record["peak_memory_mib"] for record in results.provenance.values())
     seconds = sum(cost.seconds for cost in provenance.costs([results])[0])

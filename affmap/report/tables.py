@@ -74,8 +74,8 @@ class Results:
 
     @property
     def planners(self) -> list[str]:
-        """The planners that were run, in the order of `PLANNERS`."""
-        return [planner for planner in PLANNERS if any(job.planner == planner for job in self.jobs)]
+        """The planners that were run, in the order of `PLANNERS`, others after them in that of their names."""
+        return sorted({job.planner for job in self.jobs}, key=lambda kind: ([*PLANNERS, kind].index(kind), kind))
 
     @property
     def layouts(self) -> list[str]:

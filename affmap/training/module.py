@@ -47,7 +47,7 @@ class TrainingModule(lightning.LightningModule):
 
     def loss(self, batch: Batch) -> Tensor:
         """Mean NLL of each member on a batch, `[M]` in nats."""
-        carry = self.stack.transition.initial() if batch.is_first else self._carry
+        carry = self.stack.transition.initial(batch.action.shape[1]) if batch.is_first else self._carry
         code = self.stack.encode(batch.views)
         carry, prediction = self.stack.transition.unroll(carry, code, batch.delta, batch.action)
         self._carry = tuple(part.detach() for part in carry)

@@ -13,6 +13,7 @@ from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import ModelSettings, Stack
+from affmap.model.transition import Carry, TransitionModel
 from affmap.model.windows import take_apart
 from affmap.model.world import Situation, rollout
 from affmap.planning.cem import CEMPlanner
@@ -96,7 +97,39 @@ def test_the_first_action_of_the_plan_is_executed_and_states_are_handed_on() -> 
     streams = [np.random.default_rng() for _ in range(B)]
     decision, state = agent.act(seen, agent.initial(B), streams)
     assert torch.equal(decision.action, planner.actions[:, 0])
-    assert state == 8 and planner.states == [(B, "cpu"), (7, streams)]
+    assert state.planner == 8 and planner.states == [(B, "cpu"), (7, streams)]
+
+
+class Counting(TransitionModel):
+    """A recurrent model that counts the steps, and expects to move as far."""
+
+    def initial(self, num_sequences: int = 1) -> Carry:
+        return (torch.zeros(len(self.output_weight), num_sequences, 2),)
+
+    def step(self) -> Any:
+        def step(carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
+            count = carry[0] + 1
+            return (count,), Gaussian(count, torch.zeros_like(count))
+
+        return step
+
+
+def test_a_recurrent_model_remembers_what_was_executed_and_forgets_what_was_imagined() -> None:
+    """Counted by hand; also by a stack of some of its members."""
+    settings = ModelSettings.load("model", "default", context_size=3)
+    whole = Stack(settings, WORLD.num_channels, SEEDS, Counting)
+    for some, seeds in ((whole, SEEDS), (whole.select([1]), SEEDS[1:2])):
+        num_problems = len(seeds) * AGENTS
+        planner = Fixed(random_actions(num_problems))
+        agent = Agent(some, ExactLookup(some, [WORLD]), planner, ControlSettings.load("control", "default"))
+        seen = Observation(*(part[:num_problems] for part in observations()))
+        state = agent.initial(num_problems)
+        for step in range(3):
+            decision, state = agent.act(seen, state, [])
+            torch.testing.assert_close(decision.delta.mean, torch.full((num_problems, 2), step + 1.0))
+            moves = decision.path.mean - torch.cat([seen.position[:, None], decision.path.mean[:, :-1]], dim=1)
+            counts = torch.arange(H) + step + 1.0
+            torch.testing.assert_close(moves, counts[:, None].expand(num_problems, H, 2))
 
 
 def test_the_expected_path_is_that_of_the_plan() -> None:

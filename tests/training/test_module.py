@@ -175,7 +175,7 @@ class Remembering(torch.nn.Module):
         self.inner = inner
         self.seen: list[tuple[float, Any]] = []
 
-    def initial(self) -> tuple[Tensor]:
+    def initial(self, num_sequences: int) -> tuple[Tensor]:
         return (torch.zeros(3, requires_grad=True),)
 
     def unroll(self, carry: tuple[Tensor], *inputs: Tensor) -> Any:

@@ -1,0 +1,132 @@
+"""What the site takes from elsewhere when it is built, so that it cannot go stale (MkDocs calls the `on_` functions).
+
+A line `{{ what arguments }}` of a page becomes
+
+| line | becomes |
+|---|---|
+| `{{ table exp1/tables/claims.md }}` | a table of `runs/reference`; with ` | text`, its rows that contain the text |
+| `{{ medians exp1 }}` | what an experiment came to, by context size |
+| `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
+
+Blocks of ```` ```math ```` and `` $`...`$ `` are LaTeX and become MathML, which browsers draw without help. Figures and
+reports of `runs/reference` are part of the site as `reference/...`, notebooks are pages.
+"""
+
+import inspect
+import json
+import re
+from collections.abc import Callable, Iterator
+from html import unescape
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from pygments.formatters import HtmlFormatter
+
+ROOT = Path(__file__).parents[1]
+REFERENCE = ROOT / "runs/reference"
+
+METRICS = {
+    "validation_nll": "validation loss",
+    "prediction_error": "prediction error",
+    "mean_distance": "mean distance",
+    "success": "success",
+}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> None:
+    """Add what lies outside `docs`, and the colours of code."""
+    for path in [*REFERENCE.rglob("figures/*.png"), *REFERENCE.glob("*/report.pdf"), REFERENCE / "bench/bench.png"]:
+        place = f"reference/{path.relative_to(REFERENCE).as_posix()}"
+        files.append(File.generated(config, place, abs_src_path=str(path)))
+    for path in (ROOT / "notebooks").glob("*.ipynb"):
+        files.append(File.generated(config, f"notebooks/{path.name}", abs_src_path=str(path)))
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content="\n\n".join(_notebook(path))))
+    style = HtmlFormatter(style="default").get_style_defs(".highlight")
+    files.append(File.generated(config, "code.css", content=style))
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Fill in tables, source lines and formulas that stand by themselves."""
+    markdown = re.sub(r"^\{\{ (\w+) (.+) \}\}$", _filled, markdown, flags=re.M)
+    return re.sub(r"^```math\n(.+?)^```$", _formula, markdown, flags=re.M | re.S)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Turn the formulas in sentences into MathML."""
+    return re.sub(r"\$<code>(.*?)</code>\$", lambda found: convert(unescape(found[1])), html)
+
+
+def _filled(line: re.Match[str]) -> str:
+    return MACROS[line[1]](*line[2].split(" | "))
+
+
+def _formula(block: re.Match[str]) -> str:
+    return f'<div class="formula">{convert(" ".join(block[1].split()), display="block")}</div>'
+
+
+def table(path: str, *texts: str) -> str:
+    """A Markdown table of the reference run, or those of its rows that contain all of some texts."""
+    head, line, *rows = [row for row in (REFERENCE / path).read_text("utf-8").splitlines() if row.startswith("|")]
+    chosen = [row for row in rows if all(text in row for text in texts)]
+    if not chosen:
+        raise ValueError(f"{path} has no row with {', '.join(texts)}.")
+    return "\n".join([head, line, *chosen])
+
+
+def medians(experiment: str) -> str:
+    """What an experiment came to: a row for each metric, planner and world, a column for each context size."""
+    found = pd.read_csv(REFERENCE / experiment / "tables/medians.csv").fillna({"planner": "", "layout": ""})
+    sizes = found["context_size"].unique()
+    rows = [["", *(f"C = {size}" for size in sizes)], ["---", *["---:"] * len(sizes)]]
+    for (metric, planner, layout), group in found.groupby(["metric", "planner", "layout"], sort=False):
+        unit, statistic = group["unit"].iloc[0], group["statistic"].iloc[0]
+        where = ", ".join(part for part in (planner, layout.replace("_", " ")) if part)
+        name = f"{statistic} {METRICS[metric]} ({unit})" + (f", {where}" if where else "")
+        rows.append([name, *(f"{value:.2f}".replace("-", "−") for value in group["center"])])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def source(name: str, *texts: str) -> str:
+    """A function, or those of its lines that contain one of some texts, under the name of its file."""
+    module, path = _split(name)
+    thing: Any = import_module(module)
+    for part in path.split("."):
+        thing = getattr(thing, part)
+    lines, _ = inspect.getsourcelines(getattr(thing, "fget", thing))
+    chosen = [line for line in lines if not texts or any(text in line for text in texts)]
+    missing = [text for text in texts if not any(text in line for line in chosen)]
+    if missing:
+        raise ValueError(f"{name} has no line with {', '.join(missing)}.")
+    indent = min(len(line) - len(line.lstrip()) for line in chosen if line.strip())
+    code = "".join(line[indent:] if line.strip() else line for line in chosen)
+    return f"`{module.replace('.', '/')}.py`, `{path}`:\n\n```python\n{code}```"
+
+
+def _split(name: str) -> tuple[str, str]:
+    """A dotted name as that of its module and the rest."""
+    parts = name.split(".")
+    depth = max(d for d in range(1, len(parts)) if ROOT.joinpath(*parts[:d]).with_suffix(".py").is_file())
+    return ".".join(parts[:depth]), ".".join(parts[depth:])
+
+
+def _notebook(path: Path) -> Iterator[str]:
+    """The cells of a notebook, and what they have put out, as Markdown."""
+    for cell in json.loads(path.read_text("utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        yield text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```"
+        for output in cell.get("outputs", []):
+            data = output.get("data", {"text/plain": output.get("text", "")})
+            if "image/png" in data:
+                picture = "".join(data["image/png"]).strip()
+                yield f'<img alt="what the cell draws" src="data:image/png;base64,{picture}">'
+            else:
+                yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
+
+
+MACROS: dict[str, Callable[..., str]] = {"table": table, "medians": medians, "source": source}

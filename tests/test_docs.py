@@ -1,0 +1,137 @@
+"""The documentation: it builds, without network; what it says works; what it quotes is there."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+import affmap
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A copy of the package where a reader may change it."""
+    for name in ("affmap", "conf", "hydra_plugins"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs/reference").symlink_to(ROOT / "runs/reference")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built where nothing outside can be reached, in a process of its own."""
+    pytest.importorskip("mkdocs", reason="the extra [docs]: make docs")
+    pytest.importorskip("mkdocstrings_handlers.python", reason="the extra [docs]: make docs")
+    folder = tmp_path_factory.mktemp("site")
+    script = [sys.executable, "-W", "ignore", "-c", BUILD, "build", "--strict", "--site-dir", folder]
+    result = subprocess.run(script, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return folder
+
+
+BUILD = """
+import socket
+def refuse(*_): raise OSError("no network here")
+socket.socket.connect = socket.create_connection = socket.getaddrinfo = refuse
+from mkdocs.__main__ import cli
+cli()
+"""
+
+
+class Found(HTMLParser):
+    """What a page links to, loads and shows."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.loaded: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.formulas = 0
+        self.feed(path.read_text("utf-8"))
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        values = dict(attributes)
+        self.links += [values["href"] or ""] if tag == "a" and "href" in values else []
+        self.loaded += [values[key] or "" for key in ("src", "href") if key in values and tag != "a"]
+        self.images += [values] if tag == "img" else []
+        self.formulas += tag == "math"
+
+
+def test_the_site_builds_whole(site: Path) -> None:
+    """Every page of the navigation; nothing is loaded from elsewhere; links and pictures are there and described."""
+    pages = {path: Found(path) for path in site.rglob("*.html") if path.name not in ("404.html", "search.html")}
+    navigation = re.findall(r": (\S+)\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), flags=re.M)
+    assert sorted(navigation) == sorted(path.relative_to(site).with_suffix("").as_posix() for path in pages)
+    for path, found in pages.items():
+        inside = [link for link in found.loaded if not link.startswith("data:")]
+        assert not [link for link in inside if "//" in link], f"{path} loads something from elsewhere"
+        for link in [*inside, *found.links]:
+            if "//" not in link and not link.startswith("#"):
+                assert (path.parent / unquote(link.partition("#")[0])).exists(), f"{path} has a broken link {link}"
+        assert all(image.get("alt") for image in found.images), f"{path} has a picture without a description"
+        assert "{{" not in path.read_text("utf-8"), f"{path} has a line that was not filled in"
+
+
+def test_formulas_are_drawn_by_the_browser_itself(site: Path) -> None:
+    """As many as there are in the Markdown, none of which is left as LaTeX."""
+    text = (DOCS / "equations.md").read_text("utf-8")
+    assert Found(site / "equations.html").formulas == text.count("```math") + text.count("$`") > 20
+    assert "\\mathbf" not in (site / "equations.html").read_text("utf-8").replace("alttext", "")
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    text = (DOCS / "api.md").read_text("utf-8")
+    assert [name for name in affmap.__all__ if f".{name}\n" not in text] == []
+
+
+ENTRIES = re.split(r"^## ", (DOCS / "lablog.md").read_text("utf-8"), flags=re.M)[1:]
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.partition("\n")[0])
+def test_numbers_of_the_lab_log_are_those_of_its_sources(entry: str) -> None:
+    """Decimals and percentages of each entry's words, in the files that it names."""
+    told, _, sources = entry.partition("Source: ")
+    files = [ROOT / name for name in re.findall(r"`([\w/.]+\.(?:md|yaml|py))`", sources)]
+    text = " ".join(" ".join(path.read_text("utf-8") for path in files).split())
+    words = " ".join(re.sub(r"^(\{\{|\|).*$", "", told, flags=re.M).split())
+    numbers = re.findall(r"[−-]?\d+\.\d+|\d+ %", words)
+    assert [number for number in numbers if number not in text] == []
+    assert sources
+
+
+def test_commits_of_the_lab_log_exist() -> None:
+    history = subprocess.run(["git", "log", "--format=%h", "--abbrev=7"], cwd=ROOT, capture_output=True, text=True)
+    if history.returncode or len(history.stdout.split()) < 100:
+        pytest.skip("no whole history here")
+    commits = re.findall(r"`([0-9a-f]{7})`", "".join(ENTRIES))
+    assert len(commits) > 10 and set(commits) <= set(history.stdout.split())
+
+
+def test_pictures_are_small() -> None:
+    """Below 200 KB each, 3 MB in all; films may be larger."""
+    pictures = list((DOCS / "images").iterdir())
+    assert max(path.stat().st_size for path in pictures if path.suffix == ".png") < 200_000
+    assert sum(path.stat().st_size for path in pictures) < 3_000_000
+
+
+PAGES = [DOCS / "quickstart.md", *sorted(DOCS.glob("howto/*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_a_page_says_works(page: Path, checkout: Path) -> None:
+    """All of its code and commands, in order, in a checkout of their own."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    environment = {**os.environ, "PYTHONPATH": str(checkout), "PATH": path, "OMP_NUM_THREADS": "1"}
+    script = [sys.executable, "-W", "ignore", ROOT / "tests/pages.py", page]
+    result = subprocess.run(script, cwd=checkout, env=environment, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
