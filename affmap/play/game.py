@@ -145,7 +145,8 @@ class Game:
     def _take_controls(self, new_colors: bool) -> None:
         """Put another agent at the controls, after something about it or its world has changed."""
         context_size, planner, beta, lookup = self.setting
-        agent = loading.load(self.source, context_size=context_size, planner=planner)
+        flown = planner == self.origin.planner  # then with the experiment's own settings
+        agent = loading.load(self.source, context_size=context_size, planner=None if flown else planner)
         agent.settings = agent.settings.model_copy(update={"beta": beta})
         world = [self.layout.map]
         agent.lookup = make_lookup(LookupSettings.load("lookup", lookup), agent.stack, world)
