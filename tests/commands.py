@@ -56,7 +56,9 @@ def in_process(monkeypatch: pytest.MonkeyPatch, entry: str, arguments: Sequence[
     except SystemExit as leaving:
         return int(leaving.code or 0)
     finally:  # what Hydra leaves to the end of the process
-        logging.root.handlers = handlers
+        for handler in set(logging.root.handlers) - set(handlers):
+            logging.root.removeHandler(handler)
+            handler.close()
         HydraConfig.instance().cfg = None
     return 0
 
