@@ -97,5 +97,5 @@ format: $(READY)  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-clean:  ## remove the virtual environment caches and the documentation's site (what runs wrote stays)
+clean:  ## remove virtual environments, caches and the documentation's site (what runs wrote stays)
 	rm -rf $(VENV) $(VENV)-bench $(VENV)-slow .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache build/site

@@ -24,20 +24,28 @@ class SweepError(Exception):
     """Some settings of a sweep have not been completed; the message names each."""
 
 
-def command(body: Callable[[list[str]], None], known: Collection[str] = ()) -> None:
+def command(
+    body: Callable[[list[str]], None], known: Collection[str] = (), about: str | None = None, goes_on: bool = True
+) -> None:
     """Run `body` on the command line's overrides; what goes wrong is told in a sentence. Flags must be `known`.
+
+    `about` is what `--help` says; `goes_on` tells whether the same command goes on from where a signal stopped it.
 
     Exit status: 2 for a mistake in the command line, 1 for what failed, 130 or 143 where a signal ended it.
     """
+    if about and {"--help", "-h"} & {*flags()}:
+        print(f"{about}\n\nIt takes Hydra overrides, such as experiment=exp1 or output=runs/mine.")
+        return
+    stopped = ["Stopped", "; the same command goes on from there." if goes_on else "."]
     try:
         with ended_by_scheduler():
             body(_overrides(known))
     except BaseException as error:
         match _first(error):
             case KeyboardInterrupt():
-                _leave_at_once("Stopped; the same command goes on from there.", 128 + signal.SIGINT)
+                _leave_at_once("".join(stopped), 128 + signal.SIGINT)
             case Terminated(code=code):
-                _leave_at_once("Stopped by a signal; the same command goes on from there.", code)
+                _leave_at_once(" by a signal".join(stopped), code)
             case ConfigError() | HydraException() | OmegaConfBaseException():
                 _leave(str(error), 2)
             case StoreError() | SweepError():

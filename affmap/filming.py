@@ -1,6 +1,7 @@
 """The command `affmap-render`: flights of trained agents as a film, one picture for each context size, side by side."""
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
@@ -17,6 +18,7 @@ from affmap.command import command
 from affmap.control.episodes import fly
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
+from affmap.env.procedural import world
 from affmap.env.rendering import BLACK, WHITE, Canvas, Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.loading import experiments, load, origin
@@ -47,7 +49,7 @@ def film(
     Args:
         source: whose models; see `affmap.load`.
         context_sizes: one picture for each.
-        layout: name of the world, by default that of the experiment.
+        layout: name of the world, by default that of the experiment; of rules for worlds the member's first.
         planner: name of a file of `conf/planner`, by default that of the experiment.
         member: which of the models.
         run: 0 to 3, the corner where it starts.
@@ -57,19 +59,19 @@ def film(
     Raises:
         ConfigError: there are no such models, world or planner.
     """
-    world = Layout.load("layout", layout or origin(source).layout)
+    flown = world(layout or origin(source).layout, member)
     films = []
     for context_size in context_sizes:
         agent = load(source, context_size=context_size, members=[member], planner=planner)
         if num_steps:
             agent.settings = agent.settings.model_copy(update={"num_steps": num_steps})
-        trajectories = {key: values[run] for key, values in fly(agent, world).trajectories.items()}
+        trajectories = {key: values[run] for key, values in fly(agent, flown).trajectories.items()}
         ground = None
         if with_map and context_size:
-            codes = AffordanceMap.paint(agent.stack, [world.map], SPACING).codes[0].numpy()
+            codes = AffordanceMap.paint(agent.stack, [flown.map], SPACING).codes[0].numpy()
             ground = Palette.fit(codes.reshape(-1, context_size))(codes)
         title = f"context code of {context_size}" if context_size else "no context code"
-        films.append(_pictures(world, trajectories, ground, agent.settings.goal_radius, title))
+        films.append(_pictures(flown, trajectories, ground, agent.settings.goal_radius, title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
         row = [part for picture in pictures for part in (picture, gap)]
@@ -104,8 +106,7 @@ def write(path: Path, frames: Iterator[Frame], every: int) -> None:
     how: dict[str, Any] = {"duration": 1000 * every / RENDER_FPS, "loop": 0, "subrectangles": True}
     if path.suffix != ".gif":
         how = {"fps": RENDER_FPS / every, "macro_block_size": 2}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    imageio.imwrite(path, np.stack(chosen), **how)
+    imageio.imwrite(path, chosen, **how)
 
 
 def check(path: Path) -> None:
@@ -120,6 +121,9 @@ def check(path: Path) -> None:
         raise ConfigError(
             f"--output {path}: videos need the extra [video], pip install 'affmap[video]'; .gif does not."
         )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(path.parent, os.W_OK):
+        raise ConfigError(f"--output {path}: nothing can be written there.")
 
 
 def main() -> None:
@@ -135,13 +139,13 @@ def main() -> None:
     parser.add_argument("--member", type=int, default=0, help="which of the models (default: 0)")
     parser.add_argument("--run", type=int, default=0, choices=range(4), help="the corner to start in (default: 0)")
     parser.add_argument("--steps", type=int, help="how long it flies (default: as the experiment's runs, 200)")
-    parser.add_argument("--every", type=int, default=1, help="leave out frames: one every so many steps (default: 1)")
+    parser.add_argument("--every", type=int, default=2, help="leave out frames: one every so many steps (default: 2)")
     parser.add_argument("--plain", action="store_true", help="circles instead of the affordance map")
     parser.add_argument("--output", type=Path, default=Path("flight.gif"), help="a .gif or .mp4 (default: flight.gif)")
     chosen = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: _render(chosen))
+    command(lambda _: _render(chosen), goes_on=False)
 
 
 def _render(chosen: argparse.Namespace) -> None:

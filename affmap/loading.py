@@ -8,13 +8,12 @@ from pydantic import TypeAdapter
 
 from affmap.control.agent import Agent, ControlSettings
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural
+from affmap.env.procedural import Procedural, world
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import WEIGHTS, restore
 from affmap.planning.kinds import AnyPlanner
 from affmap.planning.planner import Planner
-from affmap.random import generator
 from affmap.report import provenance, sealed
 from affmap.settings import ConfigError, read
 from affmap.stage import check_file
@@ -26,31 +25,36 @@ def load(
     context_size: int = 8,
     members: Sequence[int] = (0,),
     planner: Planner | str | None = None,
+    layout: str | None = None,
 ) -> Agent:
     """A trained agent in the world that it flew in; `fly` and `Pilot` take it anywhere.
 
     Args:
         source: the folder of an experiment's report, such as `runs/exp1`, with its store beside it; or the name of an
-            experiment of the reference run, `exp1` to `exp5`.
+            experiment of the reference run, `exp1` to `exp5` (a part of which is all that an installed package has).
         context_size: C, of those that the experiment has.
         members: which of its M members, by their seeds.
         planner: any planner; or the name of a file of `conf/planner`; by default the first that flew there.
 
+        layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
+            Experiment III have different models.)
+
     Raises:
-        ConfigError: there is no such report, context size, member or planner; the message lists those there are.
+        ConfigError: there is no such report, context size, layout, member or planner; the message says what there is.
         StoreError: the weights are damaged.
     """
     report = _report(source)
     record = sealed.read(report)
-    job = _job(record, report, context_size)
+    job = _job(record, report, context_size, layout)
     config = provenance.config_of(record, job["control"][0])
     stack = _stack(report.parent / "store" / "train", job["train"], members)
-    world = _world(config["control_layout"], members[0])
+    flown = world(_layout(config["control_layout"]), members[0])
     return Agent(
         stack,
-        make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [world.map]),
+        make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [flown.map]),
         _planner(planner, config["planner"]),
         ControlSettings.model_validate({"device": "cpu", **config["control"]}),
+        flown.channels,
     )
 
 
@@ -106,12 +110,18 @@ def _report(source: str | Path) -> Path:
     )
 
 
-def _job(record: Mapping[str, Any], report: Path, context_size: int) -> dict[str, Any]:
-    """The first setting with a context size."""
+def _job(record: Mapping[str, Any], report: Path, context_size: int, layout: str | None) -> dict[str, Any]:
+    """The first setting with a context size, and a layout if one is wanted."""
     sizes = origin(report).context_sizes
+    if not sizes:
+        raise ConfigError(f"{report} has no models: its store, {report.parent / 'store'}, is not there.")
     if context_size not in sizes:
         raise ConfigError(f"{report} has models of the context sizes {sizes}, and none of {context_size}.")
-    return next(job for job in record["jobs"] if job["context_size"] == context_size)
+    layouts = list(dict.fromkeys(job["layout"] for job in record["jobs"]))
+    if layout not in (None, *layouts):
+        raise ConfigError(f"{report} has flights in {', '.join(layouts)}, and none in {layout!r}.")
+    jobs = [job for job in record["jobs"] if job["context_size"] == context_size]
+    return next(job for job in jobs if layout in (None, job["layout"]))
 
 
 def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:
@@ -131,11 +141,8 @@ def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack
     )
 
 
-def _world(layout: Mapping[str, Any], member: int) -> Layout:
-    """A fixed world, or the first of those that a member flew in."""
-    if "properties" in layout:
-        return Procedural.model_validate(layout).draw(generator(member, "world", 0))
-    return Layout.model_validate(layout)
+def _layout(values: Mapping[str, Any]) -> Layout | Procedural:
+    return (Procedural if "properties" in values else Layout).model_validate(values)
 
 
 def _planner(planner: Planner | str | None, flown: Mapping[str, Any]) -> Planner:

@@ -19,7 +19,7 @@ WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 
 def publish() -> None:
     """`affmap-publish`: keep the report and the models of a sweep, or the report of a search, in `runs/reference`."""
-    command(_publish_any)
+    command(_publish_any, about=publish.__doc__)
 
 
 def _publish_any(arguments: list[str]) -> None:

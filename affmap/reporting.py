@@ -91,7 +91,7 @@ def check_output(output: Path, stages: Collection[str]) -> None:
 
 def report() -> None:
     """`affmap-report`: draw the report of a sweep or of a search; `--check`: look at every file that it comes from."""
-    command(_check if CHECK in flags() else _report_any, known=[CHECK])
+    command(_check if CHECK in flags() else _report_any, known=[CHECK], about=report.__doc__)
 
 
 def _check(arguments: list[str]) -> None:
@@ -179,13 +179,13 @@ def _report(asked: Sweep) -> None:
         print(f"{path.read_text('utf-8')}\nThe table is {path}")
     else:
         path = document.write(first.output, found.results, first.report, **told, notice=notice or None)
-        print(f"The report is {path}")
+        print(f"The report is {path}, to be clicked through {path.with_suffix('.html')}")
 
 
 def paper() -> None:
     """`affmap-paper`: one report of all five experiments, from their own; `--publish`: keep it in `runs/reference`."""
     keep = PUBLISH in flags()
-    command(lambda arguments: _paper(Sweep.read(arguments), keep), known=[PUBLISH])
+    command(lambda arguments: _paper(Sweep.read(arguments), keep), known=[PUBLISH], about=paper.__doc__)
 
 
 def _paper(asked: Sweep, keep: bool) -> None:

@@ -150,7 +150,7 @@ def _job(composed: DictConfig) -> float | list[float] | None:
 
 def stand() -> None:
     """`affmap-status`: how sweeps stand; of overrides, or of folders of reports, by default of all in `runs`."""
-    command(_stand)
+    command(_stand, about=stand.__doc__)
 
 
 def _stand(arguments: list[str]) -> None:

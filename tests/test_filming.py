@@ -5,10 +5,13 @@ from pathlib import Path
 
 import imageio.v3 as imageio
 import numpy as np
+import pygame
 import pytest
 
 import affmap
 from affmap import filming
+from affmap.effects import EFFECTS
+from affmap.env.procedural import world
 from affmap.env.rendering import GOAL, VEHICLE
 
 
@@ -36,6 +39,16 @@ def test_a_frame_shows_the_vehicle_where_it_was() -> None:
                 assert tuple(frames[step][row, left[size] + column]) == color
 
 
+def test_of_rules_for_worlds_the_member_s_first_is_flown() -> None:
+    """Experiment V's: the world that `world` gives."""
+    (frame,) = filming.film("exp5", [8], member=3, num_steps=1, with_map=False)
+    layout = world("procedural_easy", 3)
+    circle = max(layout.circles, key=lambda each: (each.effect == "obstacle", each.radius))
+    x, y = circle.center
+    row, column = round((2 - y) * filming.SCALE) + filming.HEAD, round(x * filming.SCALE)
+    assert tuple(frame[row, column]) == tuple(pygame.Color(EFFECTS[circle.effect].color))[:3]
+
+
 def test_a_gif_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames and their time: every second of ten steps of a thirtieth of a second."""
     path = tmp_path / "new" / "flight.gif"
@@ -51,7 +64,10 @@ def test_a_gif_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_video_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "flight.mp4"
-    assert render(monkeypatch, "--steps", "5", "--context-size", "0", "--plain", "--output", str(path)) == 0
+    assert (
+        render(monkeypatch, "--steps", "5", "--context-size", "0", "--plain", "--every", "1", "--output", str(path))
+        == 0
+    )
     assert len(imageio.imread(path)) == 5
 
 
@@ -63,6 +79,7 @@ def test_a_video_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         (["--context-size", "4"], "none of 4"),
         (["--layout", "mars"], "conf/layout/mars.yaml does not exist"),
         (["exp9"], "exp9 is neither"),
+        (["exp1", "--layout", "fog"], "'fog' has channels"),
     ],
 )
 def test_a_mistake_is_told(

@@ -134,5 +134,29 @@ def test_damaged_weights_are_told(ran: Path, tmp_path: Path) -> None:
 
 
 def test_a_world_with_other_channels_cannot_be_seen() -> None:
-    with pytest.raises(ValueError, match=r"'four_properties' has channels .* and the agent was trained with 1"):
+    with pytest.raises(ConfigError, match=r"'four_properties' has channels .* the agent was trained with \['solid'\]"):
         affmap.fly(affmap.load("exp1"), "four_properties")
+    swapped = affmap.Layout.load("layout", "fog", channels=["border", "fog"])
+    with pytest.raises(ConfigError, match=r"\['border', 'fog'\], and the agent was trained with \['fog', 'border'\]"):
+        affmap.fly(affmap.load("exp4"), swapped)
+
+
+def test_the_conditions_of_experiment_3_have_models_of_their_own() -> None:
+    """What they see."""
+    assert affmap.load("exp3").channels == ("solid",)
+    hard = affmap.load("exp3", layout="three_looks")
+    assert hard.channels == ("upper", "lower", "meaningless") and hard.stack.num_channels == 3
+    with pytest.raises(ConfigError, match="has flights in original, three_looks, and none in 'fog'"):
+        affmap.load("exp3", layout="fog")
+
+
+def test_without_its_store_a_report_has_no_models(ran: Path, tmp_path: Path) -> None:
+    shutil.copytree(ran / "output", tmp_path / "output")
+    with pytest.raises(ConfigError, match=r"has no models: its store, .*store, is not there"):
+        affmap.load(tmp_path / "output", context_size=1)
+
+
+def test_in_random_worlds_it_flies_in_the_first() -> None:
+    """As `control` draws it."""
+    runs = affmap.fly(affmap.load("exp5", members=(1,)), "procedural_easy")
+    assert len(runs.table) == 4

@@ -556,6 +556,15 @@ def test_hydra_s_own_flags(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("entry", ["affmap-status", "affmap-report", "affmap-publish"])
+def test_every_command_has_help(
+    entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert in_process(monkeypatch, entry, ["--help"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith(f"`{entry}`: ") and "It takes Hydra overrides, such as experiment=exp1" in told
+
+
 def test_a_configuration_that_cannot_be_run_is_not_printed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

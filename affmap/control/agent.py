@@ -21,7 +21,7 @@ from affmap.model.transition import Carry
 from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner
-from affmap.settings import Count, NonNegative, Positive, Settings
+from affmap.settings import ConfigError, Count, NonNegative, Positive, Settings
 from affmap.view import Map
 
 
@@ -98,12 +98,20 @@ class Agent:
         lookup: context codes of the same members, in the world or the worlds that they fly in.
         planner: how plans are made.
         settings: what plans are for.
+        channels: names of the K channels that the members have learned to see; None where they are not known.
     """
 
-    def __init__(self, stack: Stack, lookup: Lookup, planner: Planner, settings: ControlSettings) -> None:
+    def __init__(
+        self,
+        stack: Stack,
+        lookup: Lookup,
+        planner: Planner,
+        settings: ControlSettings,
+        channels: Sequence[str] | None = None,
+    ) -> None:
         """Put an agent together; `lookup` must belong to `stack`, whose weights cease to require gradients."""
         self.stack = stack.requires_grad_(False)
-        self.lookup, self.planner, self.settings = lookup, planner, settings
+        self.lookup, self.planner, self.settings, self.channels = lookup, planner, settings, channels
         self._codes = ViewCodes(self.stack)
 
     @property
@@ -113,7 +121,8 @@ class Agent:
 
     def elsewhere(self, worlds: Sequence[Map]) -> "Agent":
         """The same agent in another world, or in B others (member-major)."""
-        return Agent(self.stack, self.lookup.elsewhere(self.stack, worlds), self.planner, self.settings)
+        lookup = self.lookup.elsewhere(self.stack, worlds)
+        return Agent(self.stack, lookup, self.planner, self.settings, self.channels)
 
     def initial(self, num_problems: int) -> AgentState:
         """The state before the first step, for B problems."""
@@ -194,12 +203,13 @@ def check_channels(agent: Agent, layout: Layout) -> None:
     """Make sure that an agent can see a world.
 
     Raises:
-        ValueError: it has been trained with another number of channels.
+        ConfigError: it has been trained with other channels.
     """
-    if len(layout.channels) != agent.stack.num_channels:
-        raise ValueError(
+    names, number = agent.channels, agent.stack.num_channels
+    if len(layout.channels) != number or (names and tuple(names) != layout.channels):
+        raise ConfigError(
             f"layout {layout.name!r} has channels {list(layout.channels)}, and the agent was trained with "
-            f"{agent.stack.num_channels}; a model sees the same ones everywhere."
+            f"{list(names) if names else number}; a model sees the same ones everywhere."
         )
 
 

@@ -13,6 +13,7 @@ import pandas as pd
 from affmap.control.agent import Agent, ControlSettings, Decision, Observation, check_channels, prediction_error
 from affmap.env.layout import Layout
 from affmap.env.physics import Vehicle
+from affmap.env.procedural import Procedural, world
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.view import views
@@ -69,20 +70,19 @@ def control(
     return Runs(summarise(trajectories), trajectories)
 
 
-def fly(agent: Agent, layout: Layout | str) -> Runs:
+def fly(agent: Agent, layout: Layout | Procedural | str) -> Runs:
     """Let every member of an agent fly all its runs in a world of one's own, with the vehicle of the paper.
 
     Args:
         agent: made by `affmap.load`, for instance.
-        layout: the world, or the name of a file in `conf/layout`.
+        layout: the world, or the name of a file in `conf/layout`; of rules for worlds the first member's first one.
 
     Raises:
-        ConfigError: there is no such file.
-        ValueError: the agent was trained with another number of channels.
+        ConfigError: there is no such file, or the agent was trained with other channels.
     """
-    world = Layout.load("layout", layout) if isinstance(layout, str) else layout
-    check_channels(agent, world)
-    return control(agent.elsewhere([world.map]), [world], Vehicle.load("vehicle", "default"), agent.settings)
+    flown = world(layout, agent.seeds[0])
+    check_channels(agent, flown)
+    return control(agent.elsewhere([flown.map]), [flown], Vehicle.load("vehicle", "default"), agent.settings)
 
 
 def _note(

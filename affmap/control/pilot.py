@@ -12,6 +12,7 @@ from torch import Tensor
 
 from affmap.control.agent import Agent, AgentState, Observation, check_channels
 from affmap.env.layout import Layout
+from affmap.env.procedural import Procedural, world
 from affmap.random import generator
 
 
@@ -31,16 +32,18 @@ class Thought(NamedTuple):
 class Pilot:
     """Flies `affmap/Vehicle-v0` with an agent of one member: `action = pilot(observation)`."""
 
-    def __init__(self, agent: Agent, layout: Layout, seed: int = 0) -> None:
+    def __init__(self, agent: Agent, layout: Layout | Procedural | str, seed: int = 0) -> None:
         """Take the controls in a world; everything random comes from `seed`.
 
         Raises:
-            ValueError: the agent has several members, or knows other channels than the world has.
+            ConfigError: there is no such world, or the agent was trained with other channels.
+            ValueError: the agent has several members.
         """
         if len(agent.seeds) != 1:
             raise ValueError(f"a pilot is one member, and this agent has {list(agent.seeds)}; load a single one.")
-        check_channels(agent, layout)
-        self.agent, self._seed = agent.elsewhere([layout.map]), seed
+        flown = world(layout, agent.seeds[0])
+        check_channels(agent, flown)
+        self.agent, self._seed = agent.elsewhere([flown.map]), seed
         self.reset()
 
     def reset(self) -> None:
@@ -59,6 +62,13 @@ class Pilot:
         mean, log_std = decision.path
         self._expected = mean[0].cpu().numpy(), log_std[0].exp().cpu().numpy()
         return decision.action[0].cpu().numpy()
+
+    def consider(self, observation: Mapping[str, np.ndarray]) -> Thought:
+        """What it would have in mind; its memory stays as it is."""
+        state = self._state
+        self(observation)
+        self._state = state
+        return self.thought
 
     def _watch(self, actions: Tensor, costs: Tensor) -> None:
         self._tried = actions.detach(), costs.detach()

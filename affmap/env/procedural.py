@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from affmap.env.layout import Arena, Circle, EffectName, Layout
+from affmap.random import generator
 from affmap.settings import Count, Line, NonNegative, Positive, Settings, read
 
 ROUNDS = 300
@@ -186,6 +187,16 @@ def is_procedural(name: str) -> bool:
         ConfigError: there is no such file.
     """
     return "properties" in read("layout", name)
+
+
+def world(layout: Layout | Procedural | str, seed: int) -> Layout:
+    """One world: a layout as it is, also by its name in `conf/layout`; of rules the first that member `seed` flies in.
+
+    Raises:
+        ConfigError: there is no such file, or a value in it is not allowed.
+    """
+    found = load(layout) if isinstance(layout, str) else layout
+    return found.draw(generator(seed, "world", 0)) if isinstance(found, Procedural) else found
 
 
 def load(name: str) -> Layout | Procedural:

@@ -144,7 +144,7 @@ class AffordanceMap:
         Principal components of its codes over the whole arena: red the first, green the second, blue the third.
         """
         codes = self.codes[index].cpu().numpy()
-        return Palette.fit(codes.reshape(-1, codes.shape[-1]))(codes)
+        return Palette.fit(codes.reshape(codes.shape[0] * codes.shape[1], codes.shape[2]))(codes)
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""

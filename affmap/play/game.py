@@ -1,6 +1,7 @@
 """What goes on in the window: a world, a vehicle, an agent, what the player may change. Knows no pixels and no keys."""
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import count
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ import torch
 
 from affmap import loading
 from affmap.colors import Palette
+from affmap.control.agent import Agent
 from affmap.control.pilot import Pilot, Thought
 from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
@@ -16,7 +18,7 @@ from affmap.model.lookup import AffordanceMap, LookupSettings, make_lookup
 from affmap.model.stack import Stack
 from affmap.settings import ConfigError, folder, read
 
-PLANNERS, BETAS, LOOKUPS = ("cem", "gradient"), (0.0, 1.0, 10.0, 100.0), ("map", "exact")
+BETAS, LOOKUPS = (0.0, 1.0, 10.0, 100.0), ("map", "exact")
 GROUND_SPACING = 0.04
 """Between nodes of the map that is shown, u: painted in a hundredth of a second."""
 
@@ -37,6 +39,8 @@ class Game:
     """A flight that never ends.
 
     Attributes:
+        worlds: names of the worlds that the agent can see.
+        planners: names of those that it can have.
         world: name of the world, which circles may have been moved in since.
         layout: the world as it is now.
         env: the vehicle in it.
@@ -60,8 +64,10 @@ class Game:
         beta = loading.load(source, context_size=size).settings.beta
         self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0])
         self.worlds = _worlds(self.origin.channels)
+        self.planners = sorted({self.origin.planner, *(path.stem for path in (folder() / "planner").glob("*.yaml"))})
         self.by_hand, self.throttles, self.message = False, np.zeros(4), ""
         self._seeds = count()
+        self._load = cache(self._make)  # moving a circle should not read files
         flown = self.origin.layout if self.origin.layout in self.worlds else self.worlds[0]  # not a random one
         self.enter(world or flown)
 
@@ -75,12 +81,13 @@ class Game:
             raise ConfigError(f"world {world!r} is not one that these models can see: {', '.join(self.worlds)}.")
         self.world, self.layout = world, Layout.load("layout", world)
         self.env = VehicleEnv(self.layout)
-        self.reset()
         self._take_controls(new_colors=True)
+        self.reset()
 
     def reset(self) -> None:
         """Start in a corner, with the goal in the opposite one."""
         self._observation, info = self.env.reset(seed=next(self._seeds))
+        self._pilot.reset()
         self.past = [info["position"]]
         self.thought: Thought | None = None
 
@@ -93,8 +100,10 @@ class Game:
         """Fly for a step; while `paused`, the agent only thinks."""
         if self.by_hand:
             action, self.thought = self.throttles, None
-        else:
+        elif not paused:
             action, self.thought = self._pilot(self._observation), self._pilot.thought
+        elif self.thought is None:  # it thinks once, and has not flown
+            self.thought = self._pilot.consider(self._observation)
         if not paused:
             self._observation, _, _, _, info = self.env.step(action)
             self.past.append(info["position"])
@@ -103,6 +112,7 @@ class Game:
         """Fly to a point of the arena `[2]`, u."""
         self.env.goal = np.clip(goal, 0, self.layout.size)
         self._observation["goal"] = self.env.goal.astype(np.float32)
+        self.thought = None
 
     def circle_at(self, point: Sequence[float]) -> int | None:
         """The number of the circle at a point `[2]` (u), of several the smallest; None where there is none."""
@@ -145,14 +155,17 @@ class Game:
     def _take_controls(self, new_colors: bool) -> None:
         """Put another agent at the controls, after something about it or its world has changed."""
         context_size, planner, beta, lookup = self.setting
-        flown = planner == self.origin.planner  # then with the experiment's own settings
-        agent = loading.load(self.source, context_size=context_size, planner=None if flown else planner)
+        agent = self._load(context_size, planner, lookup)
         agent.settings = agent.settings.model_copy(update={"beta": beta})
-        world = [self.layout.map]
-        agent.lookup = make_lookup(LookupSettings.load("lookup", lookup), agent.stack, world)
         self._pilot = Pilot(agent, self.layout, seed=next(self._seeds))
         self.thought = None
         self.ground = self._paint(agent.stack, new_colors) if context_size else None
+
+    def _make(self, context_size: int, planner: str, lookup: str) -> Agent:
+        flown = planner == self.origin.planner  # then with the experiment's own settings
+        agent = loading.load(self.source, context_size=context_size, planner=None if flown else planner)
+        agent.lookup = make_lookup(LookupSettings.load("lookup", lookup), agent.stack, [self.layout.map])
+        return agent
 
     def _paint(self, stack: Stack, new_colors: bool) -> np.ndarray:
         codes = AffordanceMap.paint(stack, [self.layout.map], GROUND_SPACING).codes[0].numpy()

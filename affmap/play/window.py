@@ -1,6 +1,7 @@
 """The command `affmap-play`: the game in a window (pygame), with a panel of what the vehicle sees and the agent is."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from typing import NamedTuple, TypeVar
@@ -10,10 +11,12 @@ import pygame
 import torch
 
 from affmap.command import command
+from affmap.env.physics import THROTTLES
 from affmap.env.rendering import BLACK, PLAN, WHITE, Canvas, Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.loading import experiments
-from affmap.play.game import BETAS, LOOKUPS, PLANNERS, Game
+from affmap.play.game import BETAS, LOOKUPS, Game
+from affmap.settings import ConfigError
 
 SCALE = 300  # pixels a unit
 PANEL, MARGIN, FOOT = 330, 14, 34  # pixels
@@ -27,13 +30,25 @@ ARROWS = {
 }
 """Key -> direction in which it pushes."""
 
-PUSHES = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) / np.sqrt(2)
-"""Directions in which the throttles push."""
-
 HELP = "click: goal   drag a circle: move it   arrows: fly by hand   enter: the agent flies   space: pause   R: restart"
 
 
 T = TypeVar("T")
+
+
+NAMES = {"cem": "evolutionary (CEM)", "gradient": "gradient-based"}
+"""Planner -> what it is called; others keep their own names."""
+
+
+class Held(NamedTuple):
+    """A circle under the mouse; lengths in u."""
+
+    number: int
+    grip: np.ndarray
+    """`[2]`, from where it is held to its centre."""
+    now: tuple[float, float]
+    """Where the mouse is."""
+    moved: bool = False
 
 
 class Shown(NamedTuple):
@@ -48,11 +63,15 @@ class Window:
     """Shows a game, and lets somebody play it."""
 
     def __init__(self, game: Game) -> None:
-        """Open a window."""
+        """Open a window.
+
+        Raises:
+            ConfigError: there is no screen.
+        """
         self.game, self.shown = game, Shown()
         self.paused, self.open = False, True
-        self._held: int | None = None
-        pygame.display.init()
+        self._held: Held | None = None
+        _find_screen()
         pygame.font.init()
         pygame.display.set_caption(f"affmap: {game.source}")
         width, height = (round(length * SCALE) for length in game.layout.size)
@@ -79,13 +98,24 @@ class Window:
             self._press(event.key)
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._in_arena(event.pos):
             point = self._point(event.pos)
-            self._held = self.game.circle_at(point)
-            if self._held is None:
+            number = self.game.circle_at(point)
+            if number is None:
                 self.game.set_goal(point)
+            else:
+                grip = np.subtract(self.game.layout.circles[number].center, point)
+                self._held = Held(number, grip, self._point(event.pos))
         elif event.type == pygame.MOUSEMOTION and self._held is not None:
-            self.game.move_circle(self._held, self._point(event.pos))
-        elif event.type == pygame.MOUSEBUTTONUP and event.button == 1:
+            self._held = self._held._replace(now=self._point(event.pos), moved=True)
+        elif event.type == pygame.MOUSEBUTTONUP and event.button == 1 and self._held is not None:
+            self._move()
+            if not self._held.moved:  # a click
+                self.game.set_goal(self._held.now)
             self._held = None
+
+    def _move(self) -> None:
+        """Put the circle that is held where the mouse has carried it."""
+        if self._held is not None and self._held.moved:
+            self.game.move_circle(self._held.number, (self._held.grip + self._held.now).tolist())
 
     def _press(self, key: int) -> None:
         game, setting = self.game, self.game.setting
@@ -104,7 +134,7 @@ class Window:
         elif key == pygame.K_c:
             game.change(context_size=_next(game.origin.context_sizes, setting.context_size))
         elif key == pygame.K_p:
-            game.change(planner=_next(PLANNERS, setting.planner))
+            game.change(planner=_next(game.planners, setting.planner))
         elif key == pygame.K_b:
             game.change(beta=_next(BETAS, setting.beta))
         elif key == pygame.K_l:
@@ -120,7 +150,8 @@ class Window:
         """Fly for a step, unless the game is paused or a circle is held."""
         pressed = pygame.key.get_pressed()
         direction = np.sum([push for key, push in ARROWS.items() if pressed[key]] or [(0, 0)], axis=0)
-        self.game.throttles = (PUSHES @ direction > 1e-6).astype(float)
+        self.game.throttles = (THROTTLES @ direction > 1e-6).astype(float)
+        self._move()  # once a frame, however often the mouse has moved
         self.game.step(self.paused or self._held is not None)
 
     def draw(self) -> None:
@@ -152,7 +183,7 @@ class Window:
         lines = [
             (f"{state}, {game.distance:.2f} u to the goal", BLACK),
             (f"C   context code: {setting.context_size or 'none'}", PLAN),
-            (f"P   planner: {'evolutionary (CEM)' if setting.planner == 'cem' else 'gradient-based'}", PLAN),
+            (f"P   planner: {NAMES.get(setting.planner, setting.planner)}", PLAN),
             (f"B   beta, weight on uncertainty: {setting.beta:g}", PLAN),
             (f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}", PLAN),
             (f"W   world: {game.world}", PLAN),
@@ -208,6 +239,20 @@ class Window:
         return 0 <= x <= width and 0 <= y <= height
 
 
+def _find_screen() -> None:
+    """Make sure that somebody could see a window.
+
+    Raises:
+        ConfigError: there is no screen.
+    """
+    try:
+        pygame.display.init()
+    except pygame.error as error:
+        raise ConfigError(f"there is no screen to open a window on ({error}).") from None
+    if pygame.display.get_driver() in ("dummy", "offscreen") and "SDL_VIDEODRIVER" not in os.environ:
+        raise ConfigError("there is no screen to open a window on; affmap-render makes films without one.")
+
+
 def _next(options: Sequence[T], now: T) -> T:
     """The option after the present one; the first where that is none of them."""
     return options[(options.index(now) + 1) % len(options)] if now in options else options[0]
@@ -229,4 +274,4 @@ def main() -> None:
     chosen = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run())
+    command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run(), goes_on=False)

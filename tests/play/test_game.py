@@ -41,7 +41,12 @@ def test_the_player_flies_by_hand(game: Game) -> None:
 
 def test_while_paused_the_agent_thinks_and_does_not_move(game: Game) -> None:
     game.step(paused=True)
-    assert game.thought is not None and len(game.past) == 1
+    first = game.thought
+    game.step(paused=True)
+    assert game.thought is first is not None and len(game.past) == 1
+    game.set_goal((1.5, 1.0))
+    game.step(paused=True)
+    assert game.thought is not first
 
 
 def test_everything_about_the_agent_can_be_changed_in_flight(game: Game) -> None:
@@ -76,6 +81,12 @@ def test_a_circle_can_be_moved_and_map_and_view_with_it(game: Game) -> None:
     middles = game.env.probe([[1.5, 1.0], [0.75, 0.5]])[:, 0, 5, 5]
     assert middles.tolist() == [True, False]
     assert game.layout.map != game.env.layout.load("layout", "original").map
+
+
+def test_moving_a_circle_reads_no_files(game: Game, monkeypatch: pytest.MonkeyPatch) -> None:
+    game.move_circle(0, (1.5, 1.0))
+    monkeypatch.setattr("affmap.loading.load", lambda *_, **__: pytest.fail("read again"))
+    game.move_circle(0, (1.4, 1.0))
 
 
 def test_a_circle_that_would_cover_a_corner_or_the_vehicle_stays(game: Game) -> None:

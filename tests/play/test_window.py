@@ -106,13 +106,22 @@ def test_a_click_is_a_goal_and_a_drag_moves_a_circle(shown: Window) -> None:
     mouse(shown, pygame.MOUSEBUTTONDOWN, 1.5, 1.0)
     mouse(shown, pygame.MOUSEBUTTONUP, 1.5, 1.0)
     np.testing.assert_allclose(game.env.goal, (1.5, 1.0), atol=1 / SCALE)
-    mouse(shown, pygame.MOUSEBUTTONDOWN, 0.75, 0.5)
-    mouse(shown, pygame.MOUSEMOTION, 1.0, 1.0)
+    mouse(shown, pygame.MOUSEBUTTONDOWN, 0.8, 0.55)  # where it is held
+    for x in (0.9, 1.0, 1.1):
+        mouse(shown, pygame.MOUSEMOTION, x, 1.05)
     shown.advance()
     assert len(game.past) == 1, "it waits while a circle is held"
-    mouse(shown, pygame.MOUSEBUTTONUP, 1.0, 1.0)
+    np.testing.assert_allclose(game.layout.circles[0].center, (1.05, 1.0), atol=1 / SCALE)
+    mouse(shown, pygame.MOUSEMOTION, 1.2, 1.05)
+    mouse(shown, pygame.MOUSEBUTTONUP, 1.2, 1.05)
     mouse(shown, pygame.MOUSEMOTION, 2.0, 1.0)
-    np.testing.assert_allclose(game.layout.circles[0].center, (1.0, 1.0), atol=1 / SCALE)
+    shown.advance()
+    np.testing.assert_allclose(game.layout.circles[0].center, (1.15, 1.0), atol=1 / SCALE)
+    np.testing.assert_allclose(game.env.goal, (1.5, 1.0), atol=1 / SCALE)
+    mouse(shown, pygame.MOUSEBUTTONDOWN, 2.25, 0.5)
+    mouse(shown, pygame.MOUSEBUTTONUP, 2.25, 0.5)
+    np.testing.assert_allclose(game.env.goal, (2.25, 0.5), atol=1 / SCALE)  # in a circle, too
+    game.set_goal((1.5, 1.0))
     shown.handle(pygame.event.Event(pygame.MOUSEBUTTONDOWN, pos=(3 * SCALE + 20, 100), button=1))
     np.testing.assert_allclose(game.env.goal, (1.5, 1.0), atol=1 / SCALE)  # the panel is no place to fly to
 
@@ -138,3 +147,12 @@ def test_a_mistake_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
     with pytest.raises(SystemExit) as leaving:
         window.main()
     assert leaving.value.code == 2 and "'mars' is not one that these models can see: fog" in capsys.readouterr().err
+
+
+def test_without_a_screen_that_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["affmap-play"])
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nothing")
+    pygame.display.quit()
+    with pytest.raises(SystemExit) as leaving:
+        window.main()
+    assert leaving.value.code == 2 and "there is no screen to open a window on" in capsys.readouterr().err

@@ -57,7 +57,7 @@ for (const root of document.querySelectorAll(".explorer")) {
   canvas.addEventListener("pointerdown", follow);
   canvas.addEventListener("keydown", (event) => {
     const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] }[event.key];
-    if (!move) return;
+    if (!move || event.altKey || event.ctrlKey || event.metaKey) return;
     point([node[0] + move[0], node[1] + move[1]]);
     event.preventDefault();
   });

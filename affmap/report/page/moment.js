@@ -13,7 +13,8 @@ function drawMoment(picture, { colors, throttles, deviations, extent }, run, ste
   const [startX, startY] = run.position(0);
   picture.disc(startX, startY, 0.02, colors.path);
   if (step < run.steps) { // nothing is decided at the end
-    drawPlan(picture, [x, y], pairs(run.planned(step)), pairs(run.std(step)), deviations, colors.plan);
+    const lost = step > 0 && run.in_fog[step - 1]; // then the plan starts where the vehicle is told to be
+    drawPlan(picture, lost ? [] : [[x, y]], pairs(run.planned(step)), pairs(run.std(step)), deviations, colors.plan);
     run.action(step).forEach((opening, index) => {
       // The jet leaves on the side opposite to where it pushes.
       const ends = [run.world.radius, run.world.radius + JET * opening];
@@ -33,7 +34,7 @@ function drawPlan(picture, from, means, stds, deviations, color) {
     picture.ring(x, y, deviations * stds[index][0], deviations * stds[index][1], color, 0.8, 0.45);
     picture.disc(x, y, 0.009, color);
   });
-  picture.line([from, ...means], color, 1.6);
+  picture.line([...from, ...means], color, 1.6);
 }
 
 function pairs(values) {

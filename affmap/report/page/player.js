@@ -68,7 +68,7 @@ for (const root of document.querySelectorAll(".player")) {
   });
   root.addEventListener("keydown", (event) => {
     const move = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-    if (event.target.matches("select, button")) return;
+    if (event.target.matches("select, button") || event.altKey || event.ctrlKey || event.metaKey) return;
     if (event.key === " ") button.click();
     else if (move && event.target !== slider) { // which moves by itself
       pause();
