@@ -4,6 +4,7 @@ Importing it makes the environments known to Gymnasium (`affmap/Vehicle-v0` and 
 two is imported first. All else is imported on first use.
 """
 
+import os
 from typing import TYPE_CHECKING
 
 from affmap.env.registration import register_when_needed
@@ -69,4 +70,5 @@ __getattr__, __dir__ = on_first_use(
     },
 )
 
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it would head the output of every command
 register_when_needed()

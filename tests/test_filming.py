@@ -1,5 +1,6 @@
 """Films: read back, against the flights that they show."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -69,6 +70,13 @@ def test_a_video_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         == 0
     )
     assert len(imageio.imread(path)) == 5
+
+
+def test_help_comes_without_other_words() -> None:
+    """As a user gets it, in a process of its own."""
+    script = Path(sys.executable).with_name("affmap-render")
+    shown = subprocess.run([script, "--help"], capture_output=True, text=True, check=True)
+    assert shown.stdout.startswith("usage: affmap-render") and shown.stderr == ""
 
 
 @pytest.mark.parametrize(

@@ -74,10 +74,14 @@ class Window:
         _find_screen()
         pygame.font.init()
         pygame.display.set_caption(f"affmap: {game.source}")
-        width, height = (round(length * SCALE) for length in game.layout.size)
-        self.screen = pygame.display.set_mode((width + PANEL, height + FOOT))
+        self._fit()
         self._font, self._small = pygame.font.Font(None, 22), pygame.font.Font(None, 19)
         self._clock = pygame.time.Clock()
+
+    def _fit(self) -> None:
+        """Give the window the size of the world."""
+        width, height = (round(length * SCALE) for length in self.game.layout.size)
+        self.screen = pygame.display.set_mode((width + PANEL, height + FOOT))
 
     def run(self) -> None:
         """Play until the window is closed."""
@@ -131,6 +135,7 @@ class Window:
             game.reset()
         elif key == pygame.K_w:
             game.enter(_next(game.worlds, game.world))
+            self._fit()
         elif key == pygame.K_c:
             game.change(context_size=_next(game.origin.context_sizes, setting.context_size))
         elif key == pygame.K_p:
