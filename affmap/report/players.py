@@ -135,12 +135,11 @@ def _code(job: Job, codes: Floats | None) -> dict[str, Packed | str | None]:
 
 
 def _caption(results: Results, count: int, present: set[str]) -> str:
-    which = "that run" if count == 1 else f"the {count} runs that are nearest to it in rank, itself included,"
+    others = {1: "", 2: " and the next in rank"}.get(count, f" and the {count - 1} next in rank")
     found = (
-        "The rule by which the figure of trajectories was drawn chooses a run of the first member in each layout; in "
-        f"every setting {which} can be played. A picture shows the moment at which a plan is made: the path so far, "
-        f"the path that the vehicle imagines (circles: {NUM_DEVIATIONS} standard deviations), its throttles, and what "
-        "it sees. "
+        f"Runs of the first member: in each layout the one that the figure of trajectories shows{others}, in every "
+        "setting. A picture shows the moment at which a plan is made: the path so far, the path that the vehicle "
+        f"imagines (circles: {NUM_DEVIATIONS} standard deviations), its throttles, and what it sees. "
     )
     if "fog" in present:
         found += "Inside fog a plan starts at the noisy position that the vehicle reports. "
