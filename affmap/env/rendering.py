@@ -13,6 +13,9 @@ from affmap.env.layout import Layout
 from affmap.env.physics import THROTTLES, Vehicle
 
 PIXELS_PER_UNIT = 200
+NUM_DEVIATIONS = 3
+"""Radius of the circles along a planned path, in standard deviations; as in reports."""
+
 WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 VEHICLE, THROTTLE, GOAL, PLAN = (0, 140, 70), (30, 90, 220), (220, 40, 40), (30, 30, 30)
 PAST, CANDIDATE, UNCERTAIN = (0, 140, 70), (150, 150, 150), (120, 80, 160)
@@ -32,7 +35,7 @@ class Scene(NamedTuple):
     path: np.ndarray | None = None
     """`[H, 2]`, planned positions."""
     std: np.ndarray | None = None
-    """`[H, 2]`, their standard deviations; circles have twice their mean as radius."""
+    """`[H, 2]`, their standard deviations; circles have `NUM_DEVIATIONS` times their mean as radius."""
     candidates: np.ndarray | None = None
     """`[N, H, 2]`, other paths that were thought of."""
     past: np.ndarray | None = None
@@ -117,7 +120,7 @@ class Canvas:
         if scene.path is not None:
             if scene.std is not None:
                 for point, std in zip(scene.path, scene.std, strict=True):
-                    self._disc(UNCERTAIN, point, 2 * float(std.mean()), width=1)
+                    self._disc(UNCERTAIN, point, NUM_DEVIATIONS * float(std.mean()), width=1)
             self._line(PLAN, np.vstack([scene.position, scene.path]))
             for point in scene.path:
                 self._disc(PLAN, point, 0.008)
