@@ -1,6 +1,6 @@
 # affmap on a CPU (x86-64), nothing compiled:
 #   docker build --tag affmap .
-#   docker run --rm --volume "$PWD/runs:/work/runs" affmap affmap experiment=exp1 scale=smoke
+#   docker run --rm --volume "$PWD/runs:/data/runs" affmap affmap experiment=exp1 scale=smoke
 # torch comes with CUDA (several GB) unless --build-arg PIP_EXTRA_INDEX_URL=... points pip to PyTorch's CPU index.
 FROM python:3.13-slim
 
@@ -21,5 +21,5 @@ COPY hydra_plugins hydra_plugins
 COPY runs/reference runs/reference
 RUN python -m pip install .
 
-WORKDIR /work
+WORKDIR /data
 CMD ["affmap", "--help"]
