@@ -10,9 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from affmap.control.agent import Agent, AgentState, Observation, check_channels
+from affmap.control.agent import Agent, AgentState, Decision, Observation, check_channels
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, world
+from affmap.model.transition import Carry
 from affmap.random import generator
 
 
@@ -50,17 +51,13 @@ class Pilot:
         """Forget the last plan; to be called where the environment is reset."""
         self._state: AgentState = self.agent.initial(1)
         self._generators = [generator(self._seed, "planner", 0)]
-        self._tried: tuple[Tensor, Tensor] | None = None
-        self._observation: Observation | None = None
-        self._expected: tuple[np.ndarray, np.ndarray] | None = None
+        self._last: tuple[Observation, Carry, Decision] | None = None
 
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """The action `[4]` for what the environment has returned."""
-        self._observation = Observation.of([observation], self.agent.settings.device)
-        self._carry = self._state.carry
-        decision, self._state = self.agent.act(self._observation, self._state, self._generators, self._watch)
-        mean, log_std = decision.path
-        self._expected = mean[0].cpu().numpy(), log_std[0].exp().cpu().numpy()
+        seen, carry = Observation.of([observation], self.agent.settings.device), self._state.carry
+        decision, self._state = self.agent.act(seen, self._state, self._generators, self._watch)
+        self._last = seen, carry, decision
         return decision.action[0].cpu().numpy()
 
     def consider(self, observation: Mapping[str, np.ndarray]) -> Thought:
@@ -80,9 +77,11 @@ class Pilot:
         Raises:
             ValueError: it has not acted yet.
         """
-        if self._observation is None or self._tried is None or self._expected is None:
+        if self._last is None:
             raise ValueError("the pilot has not acted yet; call it with an observation first.")
+        seen, carry, decision = self._last
         actions, costs = self._tried
         with torch.no_grad():
-            candidates = self.agent.imagine(self._observation, actions, self._carry).mean[0]
-        return Thought(*self._expected, candidates.cpu().numpy(), costs[0].cpu().numpy())
+            candidates = self.agent.imagine(seen, actions, carry).mean[0]
+        parts = decision.path.mean[0], decision.path.log_std[0].exp(), candidates, costs[0]
+        return Thought(*(part.cpu().numpy() for part in parts))
