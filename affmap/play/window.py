@@ -80,7 +80,9 @@ class Window:
 
     def _fit(self) -> None:
         """Give the window the size of the world."""
-        width, height = (round(length * SCALE) for length in self.game.layout.size)
+        game = self.game
+        self._canvas = Canvas(game.layout.size, game.env.vehicle, window=False, pixels_per_unit=SCALE)
+        width, height = self._canvas.surface.get_size()
         self.screen = pygame.display.set_mode((width + PANEL, height + FOOT))
 
     def run(self) -> None:
@@ -163,7 +165,7 @@ class Window:
         """Draw everything."""
         game, thought = self.game, self.game.thought
         self.screen.fill(WHITE)
-        canvas = Canvas(game.layout.size, game.env.vehicle, window=False, pixels_per_unit=SCALE)
+        canvas = self._canvas
         scene = Scene(
             game.layout,
             game.past[-1],
