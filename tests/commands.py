@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from hydra.core.hydra_config import HydraConfig
 
-from affmap import publishing, reporting, run, sweep
-from affmap.config import Config
+from affmap.cli import publish, report, run, status
+from affmap.config import sweep
+from affmap.config.root import Config
 
 COMMAND = Path(sys.executable).parent / "affmap"
 TINY = [
@@ -28,9 +29,9 @@ TINY = [
 ]
 COMMANDS = {
     "affmap": run.main,
-    "affmap-status": run.stand,
-    "affmap-report": reporting.report,
-    "affmap-publish": publishing.publish,
+    "affmap-status": status.main,
+    "affmap-report": report.main,
+    "affmap-publish": publish.main,
 }
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "200"}
 

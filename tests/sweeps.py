@@ -27,7 +27,7 @@ LINE = [
     "hydra.launcher.n_jobs=1",
 ]
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["affmap.run", "affmap.training.fit", "affmap.control.episodes", "joblib"])
+CONTEXT.set_forkserver_preload(["affmap.cli.run", "affmap.training.fit", "affmap.control.episodes", "joblib"])
 
 
 def line(folder: Path) -> list[str]:
@@ -36,7 +36,7 @@ def line(folder: Path) -> list[str]:
 
 def affmap(folder: Path, overrides: Sequence[str], limit: int | None) -> None:
     """The command, in a process of its own; no file may be longer than `limit` bytes."""
-    from affmap import run
+    from affmap.cli import run
 
     os.setsid()
     output = os.open(folder / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND)

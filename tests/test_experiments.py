@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from affmap.reporting import PAPER
+from affmap.experiments import PAPER
 
 TINY = [
     "scale=smoke",
@@ -23,15 +23,16 @@ TINY = [
 ]
 SCRIPT = """
 import sys
-from affmap import reporting, run
+from affmap.cli import paper, report, run
+from affmap.experiments import PAPER
 def call(entry, *arguments):
-    sys.argv = [entry.__name__, *arguments, *sys.argv_given]
+    sys.argv = [entry.__module__, *arguments, *sys.argv_given]
     entry()
 sys.argv_given = sys.argv[1:]
-for experiment in reporting.PAPER:
+for experiment in PAPER:
     call(run.main, f"experiment={experiment}")
-    call(reporting.report, f"experiment={experiment}")
-call(reporting.paper)
+    call(report.main, f"experiment={experiment}")
+call(paper.main)
 """
 
 

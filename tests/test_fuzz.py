@@ -21,11 +21,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from affmap import composing, run, sweep
-from affmap.config import Config, plain
-from affmap.memory import LIMIT_GIB, demands
+from affmap.cli import run
+from affmap.config import compose as composing
+from affmap.config import sweep
+from affmap.config.memory import LIMIT_GIB, demands
+from affmap.config.root import Config, plain
+from affmap.pipeline.job import stages
 from affmap.settings import ConfigError, check_line, read
-from affmap.stages import stages
 
 FACTOR = int(os.environ.get("AFFMAP_FUZZ", 0))
 Place = tuple[str | int, ...]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from commands import COMMAND, ENVIRONMENT, jobs, line
 
-from affmap import stages
+from affmap import pipeline
 
 pytestmark = pytest.mark.slow
 
@@ -51,7 +51,7 @@ def results(folder: Path) -> dict[str, bytes]:
     """Tables and weights of all jobs."""
     found = {}
     for config in jobs(folder, *SWEEP):
-        job = stages.find(config)
+        job = pipeline.find(config)
         assert job is not None
         for path in (*job.train[0].glob("*.safetensors"), job.train[0] / "validation.csv", job.control[0] / "runs.csv"):
             found[str(path.relative_to(folder))] = path.read_bytes()

@@ -19,17 +19,18 @@ import torch
 import yaml
 from matplotlib.figure import Figure
 
-from affmap import composing, sweep
-from affmap.config import Config
-from affmap.data import module
+from affmap.config import compose, sweep
+from affmap.config.root import Config
+from affmap.data import batches as module
 from affmap.data.collect import Exploration, collect
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import Vehicle
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import copy, restore, save
-from affmap.report import blocks, content, provenance, rendering
-from affmap.report.records import Job
-from affmap.report.tables import Results
+from affmap.report import blocks, content, page
+from affmap.results import manifest, provenance
+from affmap.results.files import Job
+from affmap.results.tables import Results
 from affmap.settings import ConfigError, read
 from affmap.training.fit import fit, keep
 from affmap.training.settings import TrainingSettings
@@ -144,8 +145,8 @@ def own_conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A copy of the configuration folder, for all that reads it."""
     conf = tmp_path / "conf"
     shutil.copytree(Path(__file__).parents[1] / "conf", conf)
-    monkeypatch.setattr("affmap.settings.folder", lambda: conf)
-    monkeypatch.setattr("affmap.composing.folder", lambda: conf)
+    monkeypatch.setattr("affmap.settings.base.folder", lambda: conf)
+    monkeypatch.setattr("affmap.config.compose.folder", lambda: conf)
     read.cache_clear()
     yield conf
     read.cache_clear()
@@ -203,7 +204,7 @@ def test_records_that_are_none(tmp_path: Path, text: str) -> None:
     path = tmp_path / "provenance.json"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
     told(lambda: Results((job(tmp_path),)).provenance, str(path))
-    told(lambda: provenance.digests(tmp_path), str(path))
+    told(lambda: manifest.stage_digests(tmp_path), str(path))
 
 
 @pytest.mark.parametrize("text", ["", "\0", '"', "a,b\n1,2,3\n4,5,6,7,8\n", "=cmd|'/C calc'!A0"])
@@ -270,18 +271,18 @@ def test_text_of_others_is_text_in_reports(tmp_path: Path) -> None:
                 blocks.player({"text": text}, text, [("disc", "red", text)]),
             ],
         }
-        rendering.write(tmp_path, data)
-        page = Page((tmp_path / "report.html").read_text("utf-8"))
-        assert not {"iframe", "object", "embed"} & set(page.tags) and page.tags.count("img") == 1
-        data, own = page.scripts
-        assert json.loads(data) == {"text": text} and own == rendering.script()
-        assert page.text.count(text) >= 10
+        page.write(tmp_path, data)
+        written = Page((tmp_path / "report.html").read_text("utf-8"))
+        assert not {"iframe", "object", "embed"} & set(written.tags) and written.tags.count("img") == 1
+        data, own = written.scripts
+        assert json.loads(data) == {"text": text} and own == page.script()
+        assert written.text.count(text) >= 10
         assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_hostile_text_can_be_no_title(tmp_path: Path) -> None:
     """What would end a line or turn its direction is refused with the configuration."""
-    values = composing.values(composing.compose([]))
+    values = compose.values(compose.compose([]))
     assert Config.checked(values | {"title": HOSTILE[0]}, "here").title == HOSTILE[0]
     for text in ("a\nb", "a\x1b[31mb", "a\u202eb"):
         with pytest.raises(ConfigError, match="line of text"):

@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from commands import in_process, jobs, line
 
-from affmap import stages
-from affmap.report.records import Job
-from affmap.report.tables import Results, join, read_maps
+from affmap import pipeline
+from affmap.config.sweep import Sweep
+from affmap.results.files import Job
+from affmap.results.tables import Results, join, read_maps
 from affmap.settings import ConfigError
-from affmap.sweep import Sweep
 
 SWEEP = ["model.context_size=0,2", "planner=cem", "training.snapshot_epochs=[1]", "report.snapshots=true"]
 SPLITS = {
@@ -32,7 +32,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Job, ...]]:
         configs = jobs(folder, *SWEEP, *split)
         if name == "uneven jobs":
             configs = [config for config in configs if (config.members, config.seed) in ((1, 0), (5, 1))]
-        found[name] = join([stages.run(config) for config in configs])
+        found[name] = join([pipeline.run(config) for config in configs])
     assert len(list(folder.glob("store/data/*"))) == 1
     return found
 

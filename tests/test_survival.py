@@ -17,9 +17,11 @@ import numpy as np
 import pytest
 from sweeps import LINE, finish, line, results, said, start, undisturbed_sweep
 
-from affmap import run, stages, status
-from affmap.stage import StoreError
-from affmap.sweep import Sweep
+from affmap import pipeline
+from affmap.cli import run
+from affmap.config.sweep import Sweep
+from affmap.pipeline import status
+from affmap.store.stage import StoreError
 
 
 @pytest.fixture(scope="module")
@@ -132,10 +134,10 @@ def test_every_damaged_file_of_a_finished_sweep_is_told_with_a_remedy_that_helps
             count += 1
             path.unlink() if harmed is None else path.write_bytes(harmed)
             if harmed is None and path.name == "provenance.json":
-                assert not all(stages.find(config) for config in configs)
+                assert not all(pipeline.find(config) for config in configs)
             else:
                 with pytest.raises(StoreError, match=told):
-                    [stages.find(config) for config in configs]
+                    [pipeline.find(config) for config in configs]
         path.write_bytes(content[:-2])
         with pytest.raises(SystemExit, match="1"):
             run.main()

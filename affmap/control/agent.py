@@ -14,11 +14,11 @@ from torch import Tensor
 
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
-from affmap.model.codes import ViewCodes
+from affmap.model.code_cache import CachedEncoder
 from affmap.model.lookup import Lookup
+from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
-from affmap.model.world import Situation, rollout
 from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner
 from affmap.settings import ConfigError, Count, NonNegative, Positive, Settings
@@ -112,7 +112,7 @@ class Agent:
         """Put an agent together; `lookup` must belong to `stack`, whose weights cease to require gradients."""
         self.stack = stack.requires_grad_(False)
         self.lookup, self.planner, self.settings, self.channels = lookup, planner, settings, channels
-        self._codes = ViewCodes(self.stack)
+        self._codes = CachedEncoder(self.stack)
 
     @property
     def seeds(self) -> tuple[int, ...]:

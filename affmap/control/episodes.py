@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from affmap.control.agent import Agent, ControlSettings, Decision, Observation, check_channels, prediction_error
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import Vehicle
 from affmap.env.procedural import Procedural, world
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer

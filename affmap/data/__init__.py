@@ -1,0 +1,5 @@
+"""Data sets: exploration of the training worlds, and its sequences as batches for training."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

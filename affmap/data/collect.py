@@ -19,8 +19,8 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.settings import Count, Seed, Settings, Share

@@ -1,26 +1,5 @@
-"""The simulated world: layouts, physics, and the vehicle as Gymnasium environments; each is imported on first use."""
+"""The simulated world: layouts, physics, and the vehicle as Gymnasium environments."""
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from affmap.lazy import on_first_use
-
-if TYPE_CHECKING:
-    from affmap.env.layout import Circle, Layout
-    from affmap.env.physics import Vehicle
-    from affmap.env.procedural import Procedural
-    from affmap.env.registration import register
-    from affmap.env.vehicle import VehicleEnv
-
-__all__ = ["Circle", "Layout", "Procedural", "Vehicle", "VehicleEnv", "register"]
-
-__getattr__, __dir__ = on_first_use(
-    __name__,
-    {
-        "Circle": "affmap.env.layout",
-        "Layout": "affmap.env.layout",
-        "Procedural": "affmap.env.procedural",
-        "Vehicle": "affmap.env.physics",
-        "VehicleEnv": "affmap.env.vehicle",
-        "register": "affmap.env.registration",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

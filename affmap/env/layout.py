@@ -12,7 +12,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from affmap.effects import EFFECTS
+from affmap.env.effects import EFFECTS
 from affmap.settings import Line, Name, Number, Positive, Settings
 from affmap.view import Map
 
@@ -24,7 +24,7 @@ def _known(effect: str) -> str:
 
 
 EffectName = Annotated[str, AfterValidator(_known)]
-"""A key of `affmap.effects.EFFECTS`."""
+"""A key of `affmap.env.effects.EFFECTS`."""
 
 
 class Circle(Settings):

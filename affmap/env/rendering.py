@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pygame
 
-from affmap.effects import EFFECTS
+from affmap.env.body import THROTTLES, Vehicle
+from affmap.env.effects import EFFECTS
 from affmap.env.layout import Layout
-from affmap.env.physics import THROTTLES, Vehicle
 
 PIXELS_PER_UNIT = 200
 NUM_DEVIATIONS = 3

@@ -10,8 +10,9 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import Physics, Vehicle
+from affmap.env.physics import Physics
 from affmap.env.procedural import Procedural, load
 from affmap.view import PIXELS, view
 
@@ -170,7 +171,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def render(self) -> np.ndarray | None:
         """The picture of now: `[400, 600, 3]` uint8 for "rgb_array"; for "human" it goes to a window."""
-        from affmap.env.rendering import Canvas, Scene  # pygame is needed for pictures only
+        from affmap.env.rendering import Canvas, Scene
 
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with one.")

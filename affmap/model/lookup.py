@@ -15,8 +15,8 @@ from pydantic import model_validator
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from affmap.colors import Palette
-from affmap.model.codes import ViewCodes
+from affmap.model.code_cache import CachedEncoder
+from affmap.model.palette import Palette
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
 from affmap.settings import NonNegative, Settings
@@ -78,7 +78,7 @@ class ExactLookup:
 
     def __init__(self, stack: Stack, worlds: Sequence[Map]) -> None:
         """Look up codes of `stack` in one world, or in B, one for each problem."""
-        self._codes, self._worlds = ViewCodes(stack), worlds
+        self._codes, self._worlds = CachedEncoder(stack), worlds
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from affmap.gaussian import Gaussian
-from affmap.model.stacked import Generators, uniform
+from affmap.model.layers import Generators, uniform
 
 Carry = tuple[Tensor, ...]
 """Hidden state of a transition model, tensors `[M, P, hidden]`; the MLP's is empty."""

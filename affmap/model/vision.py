@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding
 
-from affmap.model.stacked import Generators, StackedLinear, tanh, uniform
+from affmap.model.layers import Generators, StackedLinear, tanh, uniform
 from affmap.model.windows import PER_SIDE, Windows
 
 

@@ -6,7 +6,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from affmap.model.stack import Stack
-from affmap.reading import reading
+from affmap.store.files import guarded_read
 
 WEIGHTS = "weights.safetensors"
 
@@ -30,6 +30,6 @@ def restore(stack: Stack, path: Path) -> Stack:
     Raises:
         ConfigError: the file is not what it should be, or holds the weights of another stack.
     """
-    with reading(path):
+    with guarded_read(path):
         stack.load_state_dict(load_file(path))
     return stack.eval()

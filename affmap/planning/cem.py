@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from torch import Tensor
 
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
+from affmap.planning.registry import register
 from affmap.settings import Count, CountOrNone, Positive, Settings, Share
 
 SQRT_2 = math.sqrt(2)
@@ -33,6 +34,7 @@ class CEMState(NamedTuple):
     """`[B, K, H, 4]`, candidates kept for the next iteration; K is 0 before the first plan."""
 
 
+@register
 class CEMPlanner(Settings):
     """The cross-entropy method (`conf/planner/cem.yaml`)."""
 

@@ -12,6 +12,7 @@ from pydantic import Field
 from torch import Tensor
 
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
+from affmap.planning.registry import register
 from affmap.settings import Count, Positive, Settings, Share
 
 
@@ -22,6 +23,7 @@ class GradientState(NamedTuple):
     """`[B, H, 4]`"""
 
 
+@register
 class GradientPlanner(Settings):
     """Gradient descent on actions (`conf/planner/gradient.yaml`)."""
 

@@ -1,1 +1,5 @@
-"""A window in which one flies the vehicle, or watches an agent imagine and fly: `affmap-play`."""
+"""Flights to watch: in a window, and as films."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from affmap import loading
-from affmap.colors import Palette
+from affmap.control import pretrained
 from affmap.control.agent import Agent
 from affmap.control.pilot import Pilot, Thought
 from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, LookupSettings, make_lookup
+from affmap.model.palette import Palette
 from affmap.model.stack import Stack
 from affmap.settings import ConfigError, folder, read
 
@@ -59,9 +59,9 @@ class Game:
         Raises:
             ConfigError: there are no such models or world, or they do not fit each other.
         """
-        self.source, self.origin = source, loading.origin(source)
+        self.source, self.origin = source, pretrained.origin(source)
         size = self.origin.context_sizes[-1] if context_size is None else context_size
-        beta = loading.load(source, context_size=size).settings.beta
+        beta = pretrained.load(source, context_size=size).settings.beta
         self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0])
         self.worlds = _worlds(self.origin.channels)
         self.planners = sorted({self.origin.planner, *(path.stem for path in (folder() / "planner").glob("*.yaml"))})
@@ -163,7 +163,7 @@ class Game:
 
     def _make(self, context_size: int, planner: str, lookup: str) -> Agent:
         flown = planner == self.origin.planner  # then with the experiment's own settings
-        agent = loading.load(self.source, context_size=context_size, planner=None if flown else planner)
+        agent = pretrained.load(self.source, context_size=context_size, planner=None if flown else planner)
         agent.lookup = make_lookup(LookupSettings.load("lookup", lookup), agent.stack, [self.layout.map])
         return agent
 

@@ -10,11 +10,11 @@ import numpy as np
 import pygame
 import torch
 
-from affmap.command import command
-from affmap.env.physics import THROTTLES
+from affmap.cli.app import command
+from affmap.control.pretrained import experiments
+from affmap.env.body import THROTTLES
 from affmap.env.rendering import BLACK, PLAN, WHITE, Canvas, Scene
 from affmap.env.vehicle import RENDER_FPS
-from affmap.loading import experiments
 from affmap.play.game import BETAS, LOOKUPS, Game
 from affmap.settings import ConfigError
 

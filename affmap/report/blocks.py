@@ -1,6 +1,6 @@
 """What a document is made of: a list of blocks, plain data that both layouts know how to set (leaf).
 
-`report.typ` sets them as a PDF, `report.html.jinja` as a page; each has a rule for every kind.
+`layout.typ` sets them as a PDF, `layout.html` as a page; each has a rule for every kind.
 """
 
 from collections.abc import Mapping, Sequence

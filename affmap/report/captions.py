@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from affmap.report import examples, failures, pictures
-from affmap.report.arena import CELL, NUM_DEVIATIONS
-from affmap.report.claims import Score
-from affmap.report.groups import make_groups, readable
+from affmap.report.drawing.arena import CELL, NUM_DEVIATIONS
+from affmap.report.drawing.colors import make_groups, readable
+from affmap.report.figures import pictures
 from affmap.report.sentences import verdicts
-from affmap.report.settings import ReportSettings
-from affmap.report.tables import Results
-from affmap.report.text import listed, number, span
+from affmap.results import examples, failures
+from affmap.results.claims import Score
+from affmap.results.numbers import listed, number, span
+from affmap.results.setting import ReportSettings
+from affmap.results.tables import Results
 
 PAPER_FIGURES = {"exp1": 4, "exp2": 7, "exp3": 9, "exp4": 10, "exp5": 11}
 """Experiment of the paper -> number of its main figure."""

@@ -3,16 +3,17 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from affmap.report import blocks, claims, provenance, sentences
+from affmap.report import blocks, sentences
 from affmap.report.blocks import Block
-from affmap.report.claims import Score
-from affmap.report.groups import readable
-from affmap.report.metrics import METRICS
-from affmap.report.records import PLANNERS
-from affmap.report.settings import ReportSettings
-from affmap.report.statistics import LEVEL
-from affmap.report.tables import Results
-from affmap.report.text import NOTHING, number, p_value, span
+from affmap.report.drawing.colors import readable
+from affmap.results import provenance, scores
+from affmap.results.claims import Score
+from affmap.results.files import PLANNERS
+from affmap.results.metrics import METRICS
+from affmap.results.numbers import NOTHING, number, p_value, span
+from affmap.results.setting import ReportSettings
+from affmap.results.statistics import LEVEL
+from affmap.results.tables import Results
 
 RULE = (
     "Tests are paired by member; a member's score is its mean over its runs. Trends over context sizes: Page's "
@@ -81,7 +82,7 @@ def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[
 
 def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
     """One row per metric, planner and layout, one column per context size; a star where it is outside the axis."""
-    table = claims.medians(results, settings)
+    table = scores.medians(results, settings)
     outside = table["paper_low"].notna() & ~table["inside"].fillna(True).astype(bool)
     table["shown"] = table["center"].map(number) + outside.map({True: " *", False: ""})
     table = table.fillna({"planner": "", "layout": ""})

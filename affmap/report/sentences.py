@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 
-from affmap.report import provenance
-from affmap.report.claims import Score
-from affmap.report.groups import make_groups, readable
-from affmap.report.metrics import METRICS
-from affmap.report.settings import ReportSettings
-from affmap.report.statistics import Outcome, Verdict
-from affmap.report.tables import Results
-from affmap.report.text import NOTHING, listed, number, span
+from affmap.report.drawing.colors import make_groups, readable
+from affmap.results import provenance
+from affmap.results.claims import Score
+from affmap.results.metrics import METRICS
+from affmap.results.numbers import NOTHING, listed, number, span
+from affmap.results.setting import ReportSettings
+from affmap.results.statistics import Outcome, Verdict
+from affmap.results.tables import Results
 
 _PLANNER_NAMES = {"cem": "EB (evolutionary-based)", "gradient": "GB (gradient-based)"}
 

@@ -19,14 +19,13 @@ from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from lightning.pytorch.callbacks import Checkpoint
 from torch import Tensor
 
-from affmap.data.module import DataModule
-from affmap.files import sha256, written
+from affmap.data.batches import DataModule
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
-from affmap.reading import reading
-from affmap.training.board import Board
+from affmap.store.files import guarded_read, sha256, written
 from affmap.training.module import TrainingModule
 from affmap.training.settings import VALIDATION, TrainingSettings
+from affmap.training.tensorboard import Board
 
 log = logging.getLogger("affmap")
 
@@ -131,7 +130,7 @@ def _train(module: TrainingModule, data: DataModule, checkpoints: Path, epochs: 
     )
     checkpoint = last(checkpoints)
     if checkpoint:
-        with reading(checkpoint):  # that of a stranger executes nothing, and is told
+        with guarded_read(checkpoint):  # that of a stranger executes nothing, and is told
             torch.load(checkpoint, map_location="cpu", weights_only=True)
     listener = signal.getsignal(signal.SIGINT)
     try:

@@ -12,7 +12,7 @@ import lightning
 import torch
 from torch import Tensor, nn
 
-from affmap.data.module import Batch
+from affmap.data.batches import Batch
 from affmap.gaussian import nll
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry

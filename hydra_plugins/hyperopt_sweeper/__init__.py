@@ -4,3 +4,11 @@ Any Hydra application can use it; it knows none. `hyperopt_sweeper` is the plugi
 leading `_` so that Hydra does not scan them whenever an application starts: `_space` is Hydra's grammar, `_search` is
 all of hyperopt, `_outcomes` reads what jobs return, `_trials` is what lies on disk.
 """
+
+from hydra_plugins.hyperopt_sweeper._space import SearchError as SearchError
+from hydra_plugins.hyperopt_sweeper._space import TrialError as TrialError
+from hydra_plugins.hyperopt_sweeper._trials import RESULTS as RESULTS
+from hydra_plugins.hyperopt_sweeper._trials import TRIALS as TRIALS
+from hydra_plugins.hyperopt_sweeper._trials import read as read_trials
+
+__all__ = ["RESULTS", "TRIALS", "SearchError", "TrialError", "read_trials"]

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from affmap.data.batches import Batch, DataModule
 from affmap.data.collect import Exploration, collect
-from affmap.data.module import Batch, DataModule
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import Vehicle
 from affmap.random import generator
 from affmap.training.settings import TrainingSettings
 from affmap.view import view

@@ -16,18 +16,19 @@ import torch
 from measure import Contender, Result, compare
 from peers import SETTINGS, Peer, Plan, available
 
-from affmap import sweep
-from affmap.config import Config
+from affmap.config import sweep
+from affmap.config.root import Config
 from affmap.control.agent import Agent, ControlSettings, Observation
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, make_lookup
 from affmap.model.stack import Stack
 from affmap.model.weights import WEIGHTS, restore
+from affmap.pipeline.train import TRAIN
 from affmap.planning.gradient import GradientPlanner
 from affmap.planning.planner import Objective
 from affmap.random import generator, integer
 from affmap.settings import folder
-from affmap.store import Store
+from affmap.store.store import Store
 
 UNIT = "agent and step"
 
@@ -74,7 +75,7 @@ def reference() -> Agents:
         FileNotFoundError: the reference run has no models of the present configuration.
     """
     (config,) = sweep.jobs(["models=reference", "model.context_size=8"])
-    trained = Store(folder().parent / config.reference).find(config.train_stage)
+    trained = Store(folder().parent / config.reference).find(TRAIN.of(config))
     if trained is None:
         raise FileNotFoundError(f"{config.reference} holds no models of this configuration; the benchmark plans them.")
     stack = restore(Stack(config.model, len(config.channels), config.seeds), trained / WEIGHTS)

@@ -19,8 +19,9 @@ from measure import Contender, Result, compare
 import affmap  # noqa: F401  # registers the environment
 from affmap.control.agent import Agent, ControlSettings
 from affmap.control.episodes import control
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import Physics, Vehicle
+from affmap.env.physics import Physics
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap
 from affmap.model.stack import ModelSettings, Stack

@@ -16,7 +16,7 @@ from plain import PlainModel, PlainModule
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
-from affmap.data.module import Batch, DataModule
+from affmap.data.batches import Batch, DataModule
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.vision import sizes
 from affmap.training.module import TrainingModule

@@ -12,10 +12,10 @@ from affmap.control.agent import Agent, ControlSettings, Decision, Observation, 
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
+from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.transition import Carry, TransitionModel
 from affmap.model.windows import take_apart
-from affmap.model.world import Situation, rollout
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.planning.planner import Generators, Objective, Plan, Planner

@@ -12,8 +12,8 @@ from torch.distributions import Normal
 
 from affmap.control.agent import Agent, ControlSettings, Decision, Observation
 from affmap.control.episodes import Runs, control, summarise
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import Vehicle
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack

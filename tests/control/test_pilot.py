@@ -7,7 +7,7 @@ import pytest
 import affmap
 from affmap.control.episodes import control
 from affmap.control.pilot import Pilot
-from affmap.env.physics import Vehicle
+from affmap.env.body import Vehicle
 from affmap.random import integer
 
 LAYOUT = affmap.Layout.load("layout", "two_obstacles")

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from affmap.env.body import Vehicle
 from affmap.env.layout import Circle, Layout
-from affmap.env.physics import Vehicle
 from affmap.settings import ConfigError, folder, read
 
 FILES = [path.stem for path in sorted((folder() / "layout").glob("*.yaml")) if "circles" in read("layout", path.stem)]

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from affmap.env.body import THROTTLES, Vehicle
 from affmap.env.layout import Layout
-from affmap.env.physics import THROTTLES, Physics, Vehicle
+from affmap.env.physics import Physics
 
 VEHICLE = Vehicle.load("vehicle", "default")
 REST, RIGHT, UP = np.zeros(4), np.array([1.0, 0, 0, 1]), np.array([1.0, 1, 0, 0])

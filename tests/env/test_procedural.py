@@ -11,9 +11,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from affmap.env.crossing import crossable
+from affmap.env.body import Vehicle
+from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
-from affmap.env.physics import Vehicle
 from affmap.env.procedural import Procedural, Property
 from affmap.random import generator
 from affmap.settings import ConfigError, read

@@ -7,8 +7,8 @@ import numpy as np
 import pygame
 import pytest
 
-from affmap.effects import EFFECTS
 from affmap.env import Layout, VehicleEnv
+from affmap.env.effects import EFFECTS
 from affmap.env.rendering import GOAL, PLAN, THROTTLE, VEHICLE, WHITE
 
 START, TARGET = [0.3, 0.25], [2.7, 1.6]

@@ -9,15 +9,7 @@ import torch
 from torch import Tensor
 
 from affmap.env.layout import Layout
-from affmap.model.lookup import (
-    AffordanceMap,
-    ExactLookup,
-    Lookup,
-    LookupSettings,
-    inside,
-    lookup_error,
-    make_lookup,
-)
+from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup, LookupSettings, inside, lookup_error, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.windows import take_apart
 from affmap.view import Map, view

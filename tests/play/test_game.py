@@ -85,7 +85,7 @@ def test_a_circle_can_be_moved_and_map_and_view_with_it(game: Game) -> None:
 
 def test_moving_a_circle_reads_no_files(game: Game, monkeypatch: pytest.MonkeyPatch) -> None:
     game.move_circle(0, (1.5, 1.0))
-    monkeypatch.setattr("affmap.loading.load", lambda *_, **__: pytest.fail("read again"))
+    monkeypatch.setattr("affmap.control.pretrained.load", lambda *_, **__: pytest.fail("read again"))
     game.move_circle(0, (1.4, 1.0))
 
 

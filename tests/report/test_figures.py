@@ -8,11 +8,15 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from affmap.report import arena, captions, examples, failures, figures, maps, panels, pictures
-from affmap.report.groups import Groups, make_groups
-from affmap.report.records import Circle, Job, Trajectories, World
-from affmap.report.settings import ReportSettings
-from affmap.report.tables import Results
+from affmap.report import captions
+from affmap.report.drawing import arena, numbers
+from affmap.report.drawing.colors import Groups, make_groups
+from affmap.report.figures import FIGURES, pictures
+from affmap.report.figures.numbers import main_results
+from affmap.results import examples, failures, maps
+from affmap.results.files import Circle, Job, Trajectories, World
+from affmap.results.setting import ReportSettings
+from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
 WriteStages = Callable[..., list[Job]]
@@ -44,7 +48,7 @@ def test_errors_far_beyond_the_others_have_a_logarithmic_axis_that_says_so() -> 
     for scale, kind in ((1.0, "linear"), (1000.0, "symlog")):
         errors = [-9.0, -8.0, -7.0, 3 * scale, 4 * scale, 5 * scale]
         runs = pd.DataFrame({"context_size": 0, "planner": "cem", "prediction_error": errors})
-        ax = panels.boxes(Figure().subplots(), runs, "prediction_error", PLANNERS)
+        ax = numbers.boxes(Figure().subplots(), runs, "prediction_error", PLANNERS)
         assert ax.get_yscale() == kind and ("log beyond" in ax.get_ylabel()) == (kind == "symlog")
 
 
@@ -52,7 +56,7 @@ def test_box_plots_are_the_papers() -> None:
     """1 to 8 and an outlier: quartiles 3 and 7, whiskers to 1 and 8 (limits -3 and 13), no point at 90."""
     values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 90.0]
     runs = pd.DataFrame({"context_size": 0, "planner": "cem", "mean_distance": values})
-    ax = panels.boxes(Figure().subplots(), runs, "mean_distance", PLANNERS)
+    ax = numbers.boxes(Figure().subplots(), runs, "mean_distance", PLANNERS)
     box = np.asarray(ax.patches[0].get_path().vertices)[:, 1]
     assert (box.min(), box.max()) == (3.0, 7.0)
     drawn = np.concatenate([np.asarray(line.get_ydata()) for line in ax.lines])
@@ -63,7 +67,7 @@ def test_bars_are_means_and_standard_deviations_over_members() -> None:
     """By hand: members' shares 0, 1/2 and 1; mean 1/2, standard deviation 1/2."""
     runs = pd.DataFrame({"context_size": 0, "planner": "cem", "member": [0, 0, 1, 1, 2, 2]})
     runs["success"] = [False, False, True, False, True, True]
-    ax = panels.bars(Figure().subplots(), runs, "success", PLANNERS)
+    ax = numbers.bars(Figure().subplots(), runs, "success", PLANNERS)
     assert ax.patches[0].get_height() == 0.5
     assert sorted(ax.lines[0].get_ydata()) == pytest.approx([0.0, 1.0])
 
@@ -71,7 +75,7 @@ def test_bars_are_means_and_standard_deviations_over_members() -> None:
 def test_failures_are_stacked_by_their_reasons() -> None:
     """By hand: of four runs one is stuck, one touched fog and arrived, one touched fog and did not."""
     runs = pd.DataFrame({"context_size": 3, "reason": ["", "stuck", "fog", "fog"]})
-    ax = panels.reasons(Figure().subplots(), runs)
+    ax = numbers.reasons(Figure().subplots(), runs)
     heights = {bars.get_label(): (bars[0].get_y(), bars[0].get_height()) for bars in ax.containers}
     expected = {"touched fog": (0, 0.5), "never arrived: stuck": (0.5, 0.25), "never arrived: other": (0.75, 0)}
     assert heights == expected
@@ -118,7 +122,7 @@ def test_runs_that_arrived_are_nearest_to_nothing(results: dict[str, Results]) -
     runs = found.runs[found.runs["layout"] == "procedural_hard"]
     shares = failures.shares(things, "nearest", failures.NEAREST).sum(axis=1)
     assert shares.to_dict() == (1 - runs.groupby("context_size")["reached"].mean()).to_dict()
-    ax = panels.nearest(Figure().subplots(), things)
+    ax = numbers.nearest(Figure().subplots(), things)
     assert sum(bar.get_height() for bar in ax.patches) == pytest.approx(shares.sum())
 
 
@@ -143,7 +147,7 @@ def test_errors_of_steps_by_hand(results: dict[str, Results]) -> None:
             expected.append((min(len(over), 3), error))
     assert steps["overlapped"].tolist() == [count for count, _ in expected]
     assert steps["prediction_error"].to_numpy() == pytest.approx([error for _, error in expected])
-    ax = panels.step_errors(Figure().subplots(), steps)
+    ax = numbers.step_errors(Figure().subplots(), steps)
     assert ax.lines[0].get_ydata()[0] == pytest.approx(steps[steps["overlapped"] == 0]["prediction_error"].median())
 
 
@@ -204,7 +208,7 @@ def test_every_world_is_shown_once(results: dict[str, Results]) -> None:
 
 def test_curves_are_drawn_for_each_training(results: dict[str, Results]) -> None:
     """Experiment III trains for both layouts, Experiment V once for both."""
-    titled = {name: figures.main_results(results[name], SETTINGS).axes for name in ("exp3", "exp5")}
+    titled = {name: main_results(results[name], SETTINGS).axes for name in ("exp3", "exp5")}
     count = {name: sum(ax.get_xlabel() == "epoch" for ax in axes) for name, axes in titled.items()}
     assert count == {"exp3": 2, "exp5": 1}
 
@@ -261,6 +265,6 @@ def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     """One layout has all context sizes, the other only the smallest."""
     jobs = [job for job in results["exp5"].jobs if job.layout == "procedural_easy" or job.context_size == 0]
     part = Results(tuple(jobs))
-    drawn = {name for name, draw in figures.FIGURES.items() if draw(part, SETTINGS)}
-    assert drawn == set(figures.FIGURES) - {"growth"}
+    drawn = {name for name, draw in FIGURES.items() if draw(part, SETTINGS)}
+    assert drawn == set(FIGURES) - {"growth"}
     assert "(C) Prediction error in control, 8 runs a box" in captions.captions(part, [], SETTINGS)["results"]

@@ -18,15 +18,19 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
-from affmap.env.physics import THROTTLES
+from affmap.env.body import THROTTLES
+from affmap.experiments import claims_about
 from affmap.model.lookup import AffordanceMap
-from affmap.report import document, explorers, players
-from affmap.report.arena import VEHICLE_COLOR
-from affmap.report.examples import choose_examples
+from affmap.report import build
+from affmap.report.drawing.arena import VEHICLE_COLOR
+from affmap.report.experiment import ExperimentReport
+from affmap.report.explorer import maps as explorers
 from affmap.report.packing import LARGEST, MISSING, Packed, pack, pack_bits
-from affmap.report.records import Job, Sight
-from affmap.report.settings import ReportSettings
-from affmap.report.tables import Results
+from affmap.report.player import runs as players
+from affmap.results.examples import choose_examples
+from affmap.results.files import Job, Sight
+from affmap.results.setting import ReportSettings
+from affmap.results.tables import Results
 from affmap.view import view
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -139,7 +143,7 @@ def test_without_codes_there_is_nothing_to_explore(results: dict[str, Results]) 
 def report(results: dict[str, Results], tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("report")
     told = {"name": "exp1", "title": "exp1", "command": "make exp1"}
-    document.write(output, results["exp1"], SETTINGS, **told, notice=None)
+    build.write(ExperimentReport(output, results["exp1"], SETTINGS, claims_about("exp1"), **told, notice=None))
     return output / "report.html"
 
 

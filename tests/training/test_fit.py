@@ -15,8 +15,8 @@ import pytest
 import torch
 from torch.distributions import Normal
 
+from affmap.data.batches import DataModule, read
 from affmap.data.collect import Exploration, collect
-from affmap.data.module import DataModule, read
 from affmap.env import Layout, Vehicle
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import copy, restore, save
@@ -506,7 +506,7 @@ def test_each_epoch_asks_for_its_own_order(dataset: Path, tmp_path: Path, monkey
         if epoch == 2:
             raise Killed
 
-    monkeypatch.setattr("affmap.data.module.generator", note)
+    monkeypatch.setattr("affmap.data.batches.generator", note)
     with pytest.raises(Killed):
         train(dataset, tmp_path, (0,), on_epoch=stop)
     assert asked == [0, 1]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.distributions import Normal
 
-from affmap.data.module import Batch
+from affmap.data.batches import Batch
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.windows import take_apart
 from affmap.training.module import TrainingModule, clip_per_member

@@ -1,0 +1,17 @@
+from .control.agent import Agent as Agent
+from .control.episodes import fly as fly
+from .control.pilot import Pilot as Pilot
+from .control.pretrained import load as load
+from .env.body import Vehicle as Vehicle
+from .env.layout import Circle as Circle
+from .env.layout import Layout as Layout
+from .env.procedural import Procedural as Procedural
+from .env.vehicle import VehicleEnv as VehicleEnv
+from .model.lookup import AffordanceMap as AffordanceMap
+from .model.lookup import ExactLookup as ExactLookup
+from .model.rollout import rollout as rollout
+from .model.stack import Stack as Stack
+from .model.transition import TransitionModel as TransitionModel
+from .planning.cem import CEMPlanner as CEMPlanner
+from .planning.gradient import GradientPlanner as GradientPlanner
+from .planning.objective import expected_free_energy as expected_free_energy

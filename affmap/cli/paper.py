@@ -1,0 +1,45 @@
+"""The command `affmap-paper`: one report of all experiments of the paper, from their own."""
+
+import shlex
+
+from affmap.cli.app import command, flags, read_sweep
+from affmap.cli.publish import check_publishable
+from affmap.config import sweep
+from affmap.config.sweep import Sweep
+from affmap.pipeline.completed import completed
+from affmap.results import manifest
+from affmap.settings.messages import ConfigError
+from affmap.store.provenance import without_places
+
+PUBLISH = "--publish"
+"""Flag: keep the report in the folder of the reference run."""
+
+
+def main() -> None:
+    """`affmap-paper`: one report of all five experiments, from their own; `--publish`: keep it in `runs/reference`."""
+    keep = PUBLISH in flags()
+    command(lambda arguments: _paper(read_sweep(arguments), keep), known=[PUBLISH], about=main.__doc__)
+
+
+def _paper(asked: Sweep, keep: bool) -> None:
+    from affmap.experiments import PAPER, claims_about  # reports take seconds to import
+    from affmap.experiments.paper.report import Chapter, PaperReport
+    from affmap.report import build
+
+    chapters = []
+    for experiment in PAPER:
+        swept = read_sweep(sweep.instead(asked.overrides, experiment, ("output",)))
+        first = swept.first
+        try:
+            part = completed(swept)
+        except ConfigError as error:
+            raise ConfigError(f"{experiment}: {error}") from None
+        claims = claims_about(first.report.claims)
+        chapters.append(Chapter(first.title, part.results, first.report, claims, first.output, part.missing))
+    first = asked.first
+    output = first.output.with_name(first.output.name.replace(first.name, "paper"))
+    line = shlex.join(["affmap-paper", *without_places(asked.overrides)])
+    print(f"The report is {build.write(PaperReport(output, chapters, line, first.notice))}")
+    if keep:
+        check_publishable(first)
+        manifest.copy(output, first.reference.parent / output.name, without=["figures", "*.html"])

@@ -1,0 +1,59 @@
+"""The command `affmap-publish`: the report of a sweep or a search, and the models, are kept in `runs/reference`."""
+
+from pathlib import Path
+
+from affmap.cli.app import command
+from affmap.cli.report import read, report_of
+from affmap.config.root import Config
+from affmap.config.search import Search
+from affmap.model.weights import SNAPSHOT, WEIGHTS
+from affmap.pipeline.completed import completed
+from affmap.results import manifest
+from affmap.settings.messages import ConfigError
+from affmap.store.stage import copy_stage
+from affmap.training.settings import VALIDATION
+
+WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
+"""Not kept: vector figures are in the report's own PDF, which is; all figures in the page; all losses in the tables."""
+
+
+def main() -> None:
+    """`affmap-publish`: keep the report and the models of a sweep, or the report of a search, in `runs/reference`."""
+    command(_publish, about=main.__doc__)
+
+
+def check_publishable(config: Config) -> None:
+    """Make sure that results are worth keeping.
+
+    Raises:
+        ConfigError: they are those of a smoke run, or the like.
+    """
+    if config.notice:
+        raise ConfigError(f"this is not a result to keep: {config.notice}.")
+
+
+def _publish(arguments: list[str]) -> None:
+    from affmap.report import build  # reports take seconds to import
+
+    asked = read(arguments)
+    report = report_of(asked)
+    config = asked.config if isinstance(asked, Search) else asked.first
+    check_publishable(config)
+    build.check(report)
+    place = config.reference.parent / ("tune" if isinstance(asked, Search) else "") / config.output.name
+    manifest.copy(config.output, place, WITHOUT)
+    if isinstance(asked, Search):
+        print(f"Kept in {place}")
+        return
+    part = completed(asked)
+    for job in [*part.jobs, *([part.growth] if part.growth else [])]:
+        for train in job.train:
+            _keep(train, config, [SNAPSHOT.format(epoch="*")] if job is part.growth else [])
+    print(f"Kept in {place} and {config.reference}")
+
+
+def _keep(train: Path, config: Config, also: list[str]) -> None:
+    """Copy what is needed of a training into the reference run's store."""
+    target = config.reference / "train" / train.name
+    if train != target:  # else the models were taken from there
+        copy_stage(train, target, (WEIGHTS, VALIDATION, *also))

@@ -1,0 +1,144 @@
+"""The command `affmap-status`: the progress of sweeps and searches, with the time spent and left. Runs nothing."""
+
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import mean
+
+from hydra.errors import HydraException
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from affmap.cli.app import command, read_sweep
+from affmap.config import sweep
+from affmap.config.search import Search
+from affmap.pipeline import status
+from affmap.pipeline.status import JobStatus, StageStatus
+from affmap.settings.messages import ConfigError
+
+COLORS = {"complete": "green", "running": "cyan", "failed": "red", "damaged": "red", "stopped": "yellow"}
+
+
+def main() -> None:
+    """`affmap-status`: how sweeps stand; of overrides, or of folders of reports, by default of all in `runs`."""
+    command(_status, about=main.__doc__)
+
+
+def _status(arguments: list[str]) -> None:
+    folders = [Path(argument) for argument in arguments if "=" not in argument]
+    if folders and len(folders) < len(arguments):
+        raise ConfigError(
+            "affmap-status takes either folders, such as runs/exp1, or overrides, such as experiment=exp1."
+        )
+    if not arguments:
+        folders = sorted(path.parents[1] for path in Path("runs").rglob(sweep.NOTE))
+    console = Console(width=None if sys.stdout.isatty() else 200, highlight=False)
+    if not arguments and not folders:
+        print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
+    elif not folders:
+        _show(arguments, console)
+    problems = []
+    for path in folders:
+        try:
+            _show(sweep.noted(path), console)
+        except (ConfigError, HydraException) as error:  # the others can be told
+            problems.append(f"{path}: {error}")
+    if problems:
+        raise ConfigError("\n".join(problems))
+
+
+def _show(line: list[str], console: Console) -> None:
+    """Print the status of a search, or of a sweep and the one that belongs to it."""
+    if search := Search.read(line):
+        made = f"{search.num_complete} of {search.num_trials} trials complete"
+        console.print(f"{search.config.title} ({search.config.output}): {made}", markup=False)
+        return
+    swept = read_sweep(line)
+    for part in filter(None, (swept.growth(), swept)):
+        jobs = status.jobs(part)
+        console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}", markup=False)
+        console.print(table(jobs))
+        for failure in status.failures(job for job in jobs if job.state in ("failed", "damaged")):
+            console.print(failure, markup=False)
+
+
+MAX_ROWS = 50
+"""Of a table that shows all settings; longer ones leave out those that are complete or missing."""
+
+
+def table(jobs: Sequence[JobStatus]) -> Table:
+    """One row a setting: its state, the stage that it is at, the time spent and left.
+
+    Of many settings only those that are running, have stopped or failed.
+    """
+    expected = _typical(jobs)
+    listed = [each for each in jobs if len(jobs) <= MAX_ROWS or each.state not in ("complete", "missing")]
+    rows = Table("setting", "state", "stage", box=SIMPLE_HEAD, pad_edge=False)
+    rows.add_column("spent", justify="right")
+    rows.add_column("left", justify="right")
+    for job in listed:
+        current = job.current
+        rows.add_row(
+            job.label,
+            Text(job.state, COLORS.get(job.state, "")),
+            _stage(current) if current else "",
+            duration(sum(part.state.seconds for part in job.parts)),
+            duration(_left(job.parts, expected)) if current else "",
+        )
+    return rows
+
+
+def _stage(part: StageStatus) -> str:
+    return f"{part.name} {part.state.finished}/{part.state.total}" if part.state.total else part.name
+
+
+def summary(jobs: Sequence[JobStatus]) -> str:
+    """How many settings are in which state, and what all together took and will take."""
+    counts = Counter(job.state for job in jobs)
+    rest = [f"{count} {name}" for name, count in counts.items() if name != "complete"]
+    parts = _distinct(jobs)
+    time = f"{duration(sum(part.state.seconds for part in parts))} spent"
+    if rest:
+        time += f", {duration(_left(parts, _typical(jobs)))} left, one job at a time"
+    return ", ".join([f"{counts['complete']} of {len(jobs)} settings complete", *rest]) + f"; {time}"
+
+
+def _distinct(jobs: Sequence[JobStatus]) -> list[StageStatus]:
+    """All stages, once each: settings share some."""
+    return list({(part.name, part.digest): part for job in jobs for part in job.parts}.values())
+
+
+def _typical(jobs: Sequence[JobStatus]) -> dict[str, float]:
+    """Stage name -> mean seconds of those that are complete."""
+    seconds = defaultdict(list)
+    for part in _distinct(jobs):
+        if part.state.name == "complete":
+            seconds[part.name].append(part.state.seconds)
+    return {name: mean(values) for name, values in seconds.items()}
+
+
+def _left(parts: Sequence[StageStatus], expected: dict[str, float]) -> float | None:
+    """Seconds that stages still take: as they go now, or as others of their kind; None where nothing tells."""
+    total = 0.0
+    for part in parts:
+        if part.state.name == "complete":
+            continue
+        left = part.state.seconds_left
+        if left is None:
+            if part.name not in expected:
+                return None
+            left = max(expected[part.name] - part.state.seconds, 0.0)
+        total += left
+    return total
+
+
+def duration(seconds: float | None) -> str:
+    """Hours, minutes and seconds; a question mark where it is not known."""
+    if seconds is None:
+        return "?"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,96 @@
+"""The checked configuration of one job, composed by Hydra from its overrides; Hydra's errors become sentences."""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from omegaconf import OmegaConf
+
+from affmap.config import memory
+from affmap.config.root import Config, plain
+from affmap.settings import ConfigError, check_folder, folder
+from affmap.settings.messages import one_line, shown
+
+MAX_WORKERS = 1024
+"""Jobs at the same time."""
+
+
+def check(overrides: Sequence[str]) -> Config:
+    """The configuration of one job.
+
+    Raises:
+        ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right.
+    """
+    composed = compose(overrides)
+    choices = composed.hydra.runtime.choices
+    origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
+    origins[""] = "the configuration"  # checked together
+    config = Config.checked(values(composed), "conf/config.yaml or the command line", origins)
+    memory.check(config)
+    _check_launch(composed)
+    return config
+
+
+def _check_launch(composed: Any) -> None:
+    """Refuse what Hydra would stumble over only when it starts the jobs: its folders and the number of workers.
+
+    Raises:
+        ConfigError: one of them cannot be used.
+    """
+    composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
+    for key in ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir"):
+        with hydra_errors():
+            path = OmegaConf.select(composed, key)
+        try:
+            check_folder(Path(path or ""))
+        except ValueError as error:
+            raise ConfigError(f"{key} = {shown(path)} is not allowed: it {error}.") from None
+    workers = OmegaConf.select(composed, "hydra.launcher.n_jobs", default=1)  # not all launchers have it
+    if composed.hydra.launcher is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
+        raise ConfigError(
+            f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a "
+            "job on each core."
+        )
+
+
+def parse(overrides: Sequence[str]) -> list[Override]:
+    """The overrides of a command line."""
+    with hydra_errors(), initialize_config_dir(str(folder()), version_base="1.3"):
+        # The loader knows the groups that `glob(...)` chooses from.
+        return OverridesParser.create(GlobalHydra.instance().config_loader()).parse_overrides([*overrides])
+
+
+def compose(overrides: Sequence[str]) -> Any:
+    """What Hydra makes of the overrides of one job, its own settings included."""
+    with hydra_errors(), initialize_config_dir(str(folder()), version_base="1.3"):
+        return hydra.compose("config", [*overrides], return_hydra_config=True)
+
+
+def values(composed: Any) -> dict[str, Any]:
+    """The plain values of a composed configuration, checked by nothing."""
+    with hydra_errors():
+        return plain(composed)
+
+
+@contextmanager
+def hydra_errors() -> Iterator[None]:
+    """Tell in a sentence whatever Hydra finds wrong with a command line.
+
+    Nothing but Hydra runs in here, and its parser, its YAML and its interpolations let through what Python raises:
+    ValueError for a step of 0, RecursionError for brackets in brackets, AttributeError for a group that is null.
+    """
+    try:
+        yield
+    except Exception as error:
+        text = str(error) or str(error.__cause__ or "") or "Hydra does not say why"
+        # Hydra's messages end in addresses, its own places and types, and name classes and columns.
+        text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|\^)", text)[0]
+        text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
+        raise ConfigError(f"this cannot be read: {one_line(text).rstrip('.')}.") from None

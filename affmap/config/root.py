@@ -1,0 +1,183 @@
+"""The whole configuration with its types: one job of a sweep."""
+
+import os.path
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from affmap.control.agent import ControlSettings
+from affmap.data.collect import Exploration
+from affmap.env.body import Vehicle
+from affmap.env.layout import Layout
+from affmap.env.procedural import Procedural, is_procedural
+from affmap.model.lookup import LookupSettings
+from affmap.model.stack import ModelSettings
+from affmap.planning.registry import AnyPlanner
+from affmap.random import generator
+from affmap.results.setting import ReportSettings
+from affmap.settings import ConfigError, Count, Folder, Line, Name, Seed, Settings
+from affmap.settings.messages import shown
+from affmap.training.settings import TrainingSettings
+
+L = TypeVar("L", Layout, Procedural)
+
+
+def _layout(name: Any) -> Any:
+    """The layout of `conf/layout/<name>.yaml`; whatever is no name is left to the next check."""
+    if isinstance(name, str) and is_procedural(name):
+        raise ValueError("is procedural, which only control_layout may be; name a fixed layout")
+    return _named(Layout, name) if isinstance(name, str) else name
+
+
+def _any_layout(name: Any) -> Any:
+    """The same, fixed or procedural."""
+    if isinstance(name, str) and is_procedural(name):
+        return _named(Procedural, name)
+    return _layout(name)
+
+
+def _named(kind: type[L], name: str) -> L:
+    layout = kind.load("layout", name)
+    if layout.name != name:  # reports would take it for another
+        raise ConfigError(f"conf/layout/{name}.yaml: name = {layout.name!r} must be that of the file, {name!r}.")
+    return layout
+
+
+def _kind(layout: Any) -> str:
+    procedural = "properties" in layout if isinstance(layout, Mapping) else isinstance(layout, Procedural)
+    return "procedural" if procedural else "fixed"
+
+
+def _choices(values: Any) -> Any:
+    return str(values) if type(values) is int else values  # a sweep over a single number
+
+
+NamedLayout = Annotated[Layout, BeforeValidator(_layout)]
+AnyLayout = Annotated[
+    Annotated[Layout, Tag("fixed")] | Annotated[Procedural, Tag("procedural")],
+    Discriminator(_kind),
+    BeforeValidator(_any_layout),
+]
+Choices = Annotated[Line, BeforeValidator(_choices)]
+
+
+class Config(Settings):
+    """`conf/config.yaml` and the groups it is made of; one job of a sweep."""
+
+    name: Name
+    """Name of the experiment."""
+    title: Line
+    seed: Seed
+    """Seed of the first member; member m has seed + m."""
+    members: Count
+    """M, members of the stack."""
+    threads: Annotated[Count, Field(le=1024)]
+    """Threads of a job."""
+    models: Literal["train", "reference"]
+    """Train the models, or take those of the reference run."""
+    notice: Line | None
+    """What must stand on every figure; None for results."""
+    output: Folder
+    """Folder of the report."""
+    store: Folder
+    """Folder of the stages."""
+    reference: Folder
+    """Folder of the reference run's stages."""
+    versions: Literal["same", "any"]
+    """Whether stages that other versions of packages have made may be used."""
+    logger: Literal["csv", "tensorboard"]
+    """Whether TensorBoard can watch trainings; their tables are always written."""
+    sweep: Mapping[Line, Choices]
+    """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
+    objective: Literal["validation_nll", "mean_distance", "success"] | None
+    """What a search is for; None where nothing is searched."""
+    growth: Name | None
+    """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
+    world: Name
+    """Layout (a file of `conf/layout`) of everything that names no other."""
+    training_layouts: tuple[NamedLayout, ...]
+    """Where data are collected, in equal parts."""
+    control_layout: AnyLayout
+    """Where agents fly; a procedural one gives each run a world of its own."""
+    map_layout: NamedLayout
+    """What affordance maps are painted of for the report."""
+    vehicle: Vehicle
+    data: Exploration
+    model: ModelSettings
+    training: TrainingSettings
+    lookup: LookupSettings
+    planner: AnyPlanner
+    control: ControlSettings
+    report: ReportSettings
+
+    @model_validator(mode="after")
+    def _check_training_layouts(self) -> Self:
+        if not self.training_layouts:
+            raise ValueError("training_layouts = [] names no layout; data must come from somewhere.")
+        return self
+
+    @model_validator(mode="after")
+    def _check_folders(self) -> Self:
+        folders = {"output": self.output, "store": self.store, "reference": self.reference}
+        for (key, folder), (other, its) in combinations(folders.items(), 2):
+            if _same(folder, its):
+                raise ValueError(f"{key} and {other} are both {shown(str(its))}; give each a folder of its own.")
+        published = self.reference.parent / self.output.name  # `affmap-publish` replaces it
+        for key in ("store", "reference"):
+            if _same(published, folders[key]):
+                raise ValueError(
+                    f"output = {shown(str(self.output))} would be published as {shown(str(published))}, where {key} "
+                    "is; give it another name."
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        named = [("control_layout", self.control_layout), ("map_layout", self.map_layout)]
+        for key, layout in [*named, *(("training_layouts", layout) for layout in self.training_layouts)]:
+            if layout.channels != self.channels:
+                raise ValueError(
+                    f"{key} = {layout.name!r} has channels {list(layout.channels)}, but "
+                    f"{self.training_layouts[0].name!r}, where data are collected, has {list(self.channels)}; "
+                    "a model sees the same ones everywhere."
+                )
+        for layout in self.training_layouts:
+            layout.check_corners(self.vehicle.radius)
+        flown = self.control_layout
+        if isinstance(flown, Procedural):  # whether its rules can be met should not turn out after hours of training
+            flown = flown.draw(generator(self.seed, "world", 0))
+        flown.check_corners(self.vehicle.radius)
+        return self
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the K channels of a view."""
+        return self.training_layouts[0].channels
+
+    @property
+    def seeds(self) -> range:
+        """The members' own seeds, M of them."""
+        return range(self.seed, self.seed + self.members)
+
+
+def _same(one: Path, other: Path) -> bool:
+    return os.path.abspath(one) == os.path.abspath(other)
+
+
+def label(config: Config) -> str:
+    """What tells a job from the others of its sweep."""
+    layout, size = config.control_layout.name, config.model.context_size
+    return f"{layout}, context size {size}, {config.planner.kind}, {config.lookup.name}"
+
+
+def plain(config: Any) -> dict[str, Any]:
+    """The values of a composed Hydra configuration, without Hydra's own."""
+    from omegaconf import OmegaConf
+
+    own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
+    values = OmegaConf.to_container(own, resolve=True, throw_on_missing=True)
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}

@@ -1,0 +1,153 @@
+"""A trained agent, from a run or from the reference run that comes with the package."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import TypeAdapter
+
+from affmap.control.agent import Agent, ControlSettings
+from affmap.env.layout import Layout
+from affmap.env.procedural import Procedural, world
+from affmap.model.lookup import LookupSettings, make_lookup
+from affmap.model.stack import ModelSettings, Stack
+from affmap.model.weights import WEIGHTS, restore
+from affmap.planning.planner import Planner
+from affmap.planning.registry import AnyPlanner
+from affmap.results import manifest, provenance
+from affmap.settings import ConfigError, read
+from affmap.store.stage import check_file
+
+
+def load(
+    source: str | Path = "exp1",
+    *,
+    context_size: int = 8,
+    members: Sequence[int] = (0,),
+    planner: Planner | str | None = None,
+    layout: str | None = None,
+) -> Agent:
+    """A trained agent in the world that it flew in; `fly` and `Pilot` take it anywhere.
+
+    Args:
+        source: the folder of an experiment's report, such as `runs/exp1`, with its store beside it; or the name of an
+            experiment of the reference run, `exp1` to `exp5` (a part of which is all that an installed package has).
+        context_size: C, of those that the experiment has.
+        members: which of its M members, by their seeds.
+        planner: any planner; or the name of a file of `conf/planner`; by default the first that flew there.
+
+        layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
+            Experiment III have different models.)
+
+    Raises:
+        ConfigError: there is no such report, context size, layout, member or planner; the message says what there is.
+        StoreError: the weights are damaged.
+    """
+    report = _report(source)
+    record = manifest.read(report)
+    job = _job(record, report, context_size, layout)
+    config = provenance.config_of(record, job["control"][0])
+    stack = _stack(report.parent / "store" / "train", job["train"], members)
+    flown = world(_layout(config["control_layout"]), members[0])
+    return Agent(
+        stack,
+        make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [flown.map]),
+        _planner(planner, config["planner"]),
+        ControlSettings.model_validate({"device": "cpu", **config["control"]}),
+        flown.channels,
+    )
+
+
+def reference() -> Path:
+    """The folder of the reference run: inside an installed package, or in `runs` of a checkout."""
+    package = Path(__file__).parents[1]
+    inside = package / "reference"
+    return inside if inside.is_dir() else package.parent / "runs" / "reference"
+
+
+def experiments() -> list[str]:
+    """The names of the reference run's experiments."""
+    return sorted(path.parent.name for path in reference().glob("exp*/provenance.json"))
+
+
+class Origin(NamedTuple):
+    """What an experiment has."""
+
+    context_sizes: list[int]
+    """C of the models that are there, ascending."""
+    planner: str
+    """Kind of the first planner."""
+    layout: str
+    """Name of the first layout that was flown in."""
+    channels: tuple[str, ...]
+    """What its models see, K names."""
+
+
+def origin(source: str | Path) -> Origin:
+    """What an experiment has, of which `load` makes agents.
+
+    Raises:
+        ConfigError: there is no such report.
+    """
+    report = _report(source)
+    record = manifest.read(report)
+    jobs = record["jobs"]
+    there = {job["context_size"] for job in jobs if all(_weights(report, digest).is_file() for digest in job["train"])}
+    channels = record["configs"]["data"]["training_layouts"][0]["channels"]
+    return Origin(sorted(there), jobs[0]["planner"], jobs[0]["layout"], tuple(channels))
+
+
+def _weights(report: Path, digest: str) -> Path:
+    return report.parent / "store" / "train" / digest / WEIGHTS
+
+
+def _report(source: str | Path) -> Path:
+    for folder in (Path(source), reference() / source):
+        if "jobs" in manifest.read(folder):
+            return folder
+    raise ConfigError(
+        f"{source} is neither the folder of an experiment's report nor one of the reference run's experiments, "
+        f"{', '.join(experiments())}."
+    )
+
+
+def _job(record: Mapping[str, Any], report: Path, context_size: int, layout: str | None) -> dict[str, Any]:
+    """The first setting with a context size, and a layout if one is wanted."""
+    sizes = origin(report).context_sizes
+    if not sizes:
+        raise ConfigError(f"{report} has no models: its store, {report.parent / 'store'}, is not there.")
+    if context_size not in sizes:
+        raise ConfigError(f"{report} has models of the context sizes {sizes}, and none of {context_size}.")
+    layouts = list(dict.fromkeys(job["layout"] for job in record["jobs"]))
+    if layout not in (None, *layouts):
+        raise ConfigError(f"{report} has flights in {', '.join(layouts)}, and none in {layout!r}.")
+    jobs = [job for job in record["jobs"] if job["context_size"] == context_size]
+    return next(job for job in jobs if layout in (None, job["layout"]))
+
+
+def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:
+    """Members of a training, or of those that its members were divided among."""
+    known: list[int] = []
+    for digest in digests:
+        made = check_file(store / digest, WEIGHTS)["config"]
+        seeds = range(made["seed"], made["seed"] + made["members"])
+        if members and all(member in seeds for member in members):
+            settings = ModelSettings.model_validate(made["model"])
+            whole = Stack(settings, len(made["training_layouts"][0]["channels"]), seeds)
+            return restore(whole, store / digest / WEIGHTS).select([seeds.index(member) for member in members])
+        known += seeds
+    raise ConfigError(
+        f"members = {[*members]} is not allowed: {store.parent.parent} has {known}"
+        f"{', and those of one job only can fly together' if len(digests) > 1 else ''}."
+    )
+
+
+def _layout(values: Mapping[str, Any]) -> Layout | Procedural:
+    return (Procedural if "properties" in values else Layout).model_validate(values)
+
+
+def _planner(planner: Planner | str | None, flown: Mapping[str, Any]) -> Planner:
+    if planner is not None and not isinstance(planner, str):
+        return planner
+    values = read("planner", planner) if planner else flown
+    return TypeAdapter[Planner](AnyPlanner).validate_python(values)

@@ -1,0 +1,2 @@
+from .batches import DataModule as DataModule
+from .collect import Exploration as Exploration

@@ -1,0 +1,89 @@
+"""The data set as batches for training: sequences cut into chunks, views as references to distinct windows.
+
+Knows data sets and Lightning; knows no models beyond the form in which they want views.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import lightning
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, IterableDataset
+
+from affmap.data.collect import Exploration
+from affmap.model.windows import Windows, take_apart
+from affmap.random import generator
+from affmap.store.files import guarded_read, read_arrays
+
+
+class Batch(NamedTuple):
+    """A chunk of T steps of B sequences; the leading 1 is where members stand: all see the same."""
+
+    views: Windows
+    """Views before each step, `[1, B, T]`."""
+    delta: Tensor
+    """Last change of the reported position, `[1, B, T, 2]`, u/step."""
+    action: Tensor
+    """`[1, B, T, 4]`"""
+    target: Tensor
+    """The change of the reported position that the action causes, `[1, B, T, 2]`, u/step."""
+    is_first: bool
+    """These are the first chunks of their sequences: a hidden state begins anew."""
+
+
+def read(path: Path) -> Batch:
+    """A data set (see `affmap.data.collect`) as one batch of all its S sequences."""
+    found = read_arrays(path)
+    with guarded_read(path):
+        delta = torch.from_numpy(np.diff(found["position"], axis=1, prepend=found["position"][:, :1]))
+        views, action = torch.from_numpy(found["view"]), torch.from_numpy(found["action"])
+    return Batch(take_apart(views[None]), delta[None, :, :-1], action[None], delta[None, :, 1:], is_first=True)
+
+
+class Chunks(IterableDataset[Batch]):
+    """Batches of sequences in a given order, each cut along time into chunks."""
+
+    def __init__(self, data: Batch, order: np.ndarray, batch_size: int, chunk_length: int) -> None:
+        """`order` holds the numbers of the sequences; the last batch and the last chunk may be shorter."""
+        self._data, self._order = data, torch.from_numpy(order)
+        self._batch_size, self._chunk_length = batch_size, chunk_length
+
+    def __iter__(self) -> Iterator[Batch]:
+        data = self._data
+        for sequences in self._order.split(self._batch_size):
+            for start in range(0, data.action.shape[2], self._chunk_length):
+                cut = (slice(None), sequences, slice(start, start + self._chunk_length))
+                yield Batch(data.views.select(cut), data.delta[cut], data.action[cut], data.target[cut], start == 0)
+
+
+class DataModule(lightning.LightningDataModule):
+    """Training and validation batches of a data set on disk.
+
+    The order of the batches follows from the data set's seed and the epoch alone: members share it, and a resumed
+    training sees what an undisturbed one would have seen.
+    """
+
+    def __init__(self, path: Path, exploration: Exploration, batch_size: int, chunk_length: int) -> None:
+        """Read the data set at `path`; each world's last `num_validation` sequences are kept for validation."""
+        super().__init__()
+        self._data = read(path)
+        self._exploration = exploration
+        self._batch_size, self._chunk_length = batch_size, chunk_length
+        sequences = np.arange(self._data.action.shape[1]).reshape(-1, exploration.num_sequences)  # a row for each world
+        num_training = exploration.num_sequences - exploration.num_validation
+        self._training, self._validation = sequences[:, :num_training].ravel(), sequences[:, num_training:].ravel()
+
+    def train_dataloader(self) -> DataLoader[Batch]:
+        """Batches of the present epoch, in its own order."""
+        epoch = self.trainer.current_epoch if self.trainer else 0
+        return self._loader(generator(self._exploration.seed, "batch order", epoch).permutation(self._training))
+
+    def val_dataloader(self) -> DataLoader[Batch]:
+        """All validation sequences, always in the same order."""
+        return self._loader(self._validation)
+
+    def _loader(self, order: np.ndarray) -> DataLoader[Batch]:
+        return DataLoader(Chunks(self._data, order, self._batch_size, self._chunk_length), batch_size=None)

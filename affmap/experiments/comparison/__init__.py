@@ -1,0 +1,1 @@
+"""Comparisons: the values of one key, everything else being equal."""

@@ -1,0 +1,1 @@
+"""Experiment III, behavioral relevance of affordance codes."""

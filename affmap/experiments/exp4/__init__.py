@@ -1,0 +1,1 @@
+"""Experiment IV, uncertainty avoidance."""

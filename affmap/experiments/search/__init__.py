@@ -1,0 +1,1 @@
+"""Searches: trials, the best of them, and each value beside the result."""

@@ -1,0 +1,134 @@
+"""What a search has found: its trials as a table, and figures of its history and of what each value does.
+
+Knows the sweeper's table (a row for each trial: trial, status, result, batch_seconds, then a column for each key).
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from affmap.experiments.search.figures import draw_search
+from affmap.report import build
+from affmap.results.metrics import METRICS
+from affmap.results.numbers import number
+from affmap.results.tables import write_csv
+from affmap.settings import ConfigError
+from affmap.store.files import sha256
+
+FIXED = ("trial", "status", "result", "batch_seconds")
+"""Columns that are no keys."""
+
+SHOWN = 10
+"""Rows of the table of the best."""
+
+
+def read(path: Path) -> pd.DataFrame:
+    """The sweeper's table of trials.
+
+    Raises:
+        ConfigError: it is not there, or something else.
+    """
+    try:
+        table = pd.read_csv(path).astype({"trial": int, "result": float})
+    except (OSError, ValueError, KeyError):
+        raise ConfigError(f"{path} holds no trials; run `affmap` with the same arguments first.") from None
+    if list(table.columns[: len(FIXED)]) != list(FIXED) or not (table["status"] == "ok").any():
+        raise ConfigError(f"{path} holds no complete trials; run `affmap` with the same arguments first.")
+    return table
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """The history of a search, each value beside the result, and the best trials.
+
+    It has `tables/trials.csv` and `tables/search.md`, and `figures/search.png` and `.pdf`.
+    """
+
+    output: Path
+    path: Path
+    """The sweeper's table."""
+    objective: str
+    """The metric that the search is for; `success` is the better the larger, others the smaller."""
+    in_use: Mapping[str, Any]
+    """Values of the configuration by dotted key, to be found among the trials."""
+    log_keys: Collection[str]
+    """Keys that were searched on a logarithmic scale."""
+    origin: Mapping[str, Any]
+    """Other entries of the manifest about where the trials come from."""
+    title: str
+    command: str
+    """The command line that gives this search."""
+    notice: str | None
+    """A warning to the reader, or None."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """See `build.Report`."""
+        head = {"title": self.title, "notice": self.notice, "report": self.command, "objective": self.objective}
+        return {**head, **self.origin, "trials": sha256(self.path) if self.path.is_file() else None}
+
+    @property
+    def page(self) -> Path:
+        """The best trials in Markdown."""
+        return self.output / "tables" / "search.md"
+
+    def draw(self) -> None:
+        """See `build.Report`.
+
+        Raises:
+            ConfigError: there are no complete trials.
+        """
+        table = read(self.path)
+        keys = [key for key in table.columns if key not in FIXED]
+        mask = pd.Series(bool(set(keys) <= self.in_use.keys()), table.index)
+        for key in keys:
+            mask &= table[key] == self.in_use.get(key)
+        used = int(table[mask]["trial"].iloc[0]) if mask.any() else None
+        write_csv(self.output / "tables" / "trials.csv", table)
+        draw_search(table, self.objective, used, self.log_keys, self.output / "figures" / "search", self.notice)
+        text = markdown(table, self.objective, used, keys)
+        build.markdown_page(self.page, self.title, self.notice, self.command, text)
+
+
+def ranked(table: pd.DataFrame, objective: str) -> pd.DataFrame:
+    """The complete trials, the best first; of equal ones the earlier."""
+    complete = table[table["status"] == "ok"]
+    return complete.sort_values("result", ascending=objective != "success", kind="stable", ignore_index=True)
+
+
+def markdown(table: pd.DataFrame, objective: str, used: int | None, keys: list[str]) -> str:
+    """The best trials and that of the values in use as a Markdown table, headed by a sentence on them."""
+    metric = METRICS[objective]
+    order = ranked(table, objective)
+    results, numbers = order["result"].tolist(), order["trial"].tolist()
+    failed = len(table) - len(order)
+    lead = [f"{len(table)} trials, {failed} of which failed." if failed else f"{len(table)} trials."]
+    lead.append(f"The best, trial {numbers[0]}, has {_told(results[0], objective)}.")
+    rows = list(range(min(SHOWN, len(order))))
+    if used in numbers:
+        place = numbers.index(used)
+        near = abs(results[place] - results[0]) <= (metric.margin or 0.0)
+        lead.append(
+            f"The values in use, trial {used}, come in place {place + 1} with {_told(results[place], objective)}, "
+            f"{'within' if near else 'outside'} the margin of {metric.margin:g} {metric.unit} that would not matter."
+        )
+        rows = sorted({*rows, place})
+    lead.append("The best of many trials owes a part of its lead to chance.")
+    heads = ["place", "trial", f"{metric.name} ({metric.unit})", *keys]
+    cells = []
+    for row in rows:
+        trial = f"{numbers[row]} (in use)" if numbers[row] == used else str(numbers[row])
+        cells.append([str(row + 1), trial, number(results[row], 3), *(_shown(order[key].iloc[row]) for key in keys)])
+    return " ".join(lead) + "\n\n" + build.markdown_table(heads, cells)
+
+
+def _told(result: float, objective: str) -> str:
+    metric = METRICS[objective]
+    return f"a {metric.name} of {number(result, 3)} {metric.unit}"
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,32 @@
+"""The stage `data`: exploration of the training worlds."""
+
+import logging
+
+import numpy as np
+
+from affmap.config.root import Config
+from affmap.data.collect import collect, coverage
+from affmap.pipeline.progress import track
+from affmap.pipeline.stage import StageDefinition
+from affmap.store.attempt import Attempt
+
+log = logging.getLogger("affmap")
+
+DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
+
+DATASET = "dataset.npz"
+
+
+def make_data(config: Config, attempt: Attempt) -> None:
+    """Explore, and write the data set and where it has been."""
+    layouts, num_sequences = config.training_layouts, config.data.num_sequences
+    names = ", ".join(layout.name for layout in layouts)
+    with track(f"exploration of {names}", len(layouts) * num_sequences, "sequences", attempt.progress) as update:
+        arrays = collect(layouts, config.vehicle, config.data, lambda sequence: update(sequence + 1))
+    np.savez_compressed(attempt.folder / DATASET, allow_pickle=False, **arrays)
+    parts = arrays["true_position"].reshape(len(layouts), num_sequences, -1, 2)
+    covered = [coverage(layout, config.vehicle, part) for layout, part in zip(layouts, parts, strict=True)]
+    stacked = {key: np.stack([part[key] for part in covered]) for key in covered[0]}
+    np.savez_compressed(attempt.folder / "coverage.npz", allow_pickle=False, **stacked)
+    share = 100 * stacked["coverage"].min()
+    log.info("exploration of %s: %.1f %% of the free squares visited, or more", names, share)

@@ -1,0 +1,74 @@
+"""The stage `control`: goal-directed runs."""
+
+import json
+from collections.abc import Sequence
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from affmap.config.root import Config, label
+from affmap.control.agent import Agent
+from affmap.control.episodes import control
+from affmap.env.geometry import crossable
+from affmap.env.layout import Layout
+from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
+from affmap.model.stack import Stack
+from affmap.pipeline.progress import track
+from affmap.pipeline.stage import StageDefinition
+from affmap.pipeline.train import TRAIN, trained
+from affmap.random import generator
+from affmap.results.tables import LAYOUTS
+from affmap.store.attempt import Attempt
+
+CONTROL = StageDefinition("control", ("models", "lookup", "planner", "control", "control_layout"), needs=TRAIN)
+
+
+def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
+    """Fly all runs, and write their table, trajectories and layouts."""
+    stack = trained(config, train).to(config.control.device)
+    layouts = _layouts(config)
+    lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
+    agent = Agent(stack, lookup, config.planner, config.control)
+    num_runs = config.members * config.control.runs_per_member
+    with track(
+        f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps", attempt.progress
+    ) as update:
+        runs = control(agent, layouts, config.vehicle, config.control, update)
+    setting: dict[str, str | int | float] = {
+        "layout": config.control_layout.name,
+        "planner": config.planner.kind,
+        "lookup_spacing": config.lookup.spacing,
+        "context_size": config.model.context_size,
+    }
+    for place, (key, value) in enumerate(setting.items()):
+        runs.table.insert(place, key, value)
+    flown = layouts * num_runs if len(layouts) == 1 else layouts
+    starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
+    runs.table["crossable"] = [crossable(*run) for run in zip(flown, repeat(config.vehicle), starts, goals)]
+    runs.table["lookup_error"] = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
+    runs.table.to_csv(attempt.folder / "runs.csv", index=False, float_format="%.6f")
+    np.savez_compressed(attempt.folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
+    (attempt.folder / LAYOUTS).write_text(json.dumps([layout.model_dump(mode="json") for layout in flown]), "utf-8")
+
+
+def _layouts(config: Config) -> list[Layout]:
+    """The layout that all agents fly in, or those of each (member-major), which all settings share."""
+    layout = config.control_layout
+    if isinstance(layout, Layout):
+        return [layout]
+    runs = range(config.control.runs_per_member)
+    return [layout.draw(generator(seed, "world", run)) for seed in config.seeds for run in runs]
+
+
+def _lookup_error(
+    config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout], positions: np.ndarray
+) -> np.ndarray:
+    """Mean error of context codes along paths `[B, T + 1, 2]` (u): `[B]`."""
+    if config.lookup.spacing == 0 or stack.context_size == 0:
+        return np.zeros(len(positions))
+    exact = ExactLookup(stack, [layout.map for layout in layouts])
+    visited = torch.from_numpy(positions).to(config.control.device).unflatten(0, (config.members, -1))
+    errors = [lookup_error(lookup, exact, now) for now in visited.unbind(2)]  # a step at a time bounds the memory
+    return torch.stack(errors).mean(0).flatten().cpu().numpy()

@@ -1,0 +1,39 @@
+"""The stage `map`: affordance maps of the members, for reports."""
+
+from pathlib import Path
+
+import numpy as np
+
+from affmap.config.root import Config
+from affmap.model.lookup import AffordanceMap
+from affmap.model.stack import Stack
+from affmap.model.weights import SNAPSHOT, restore
+from affmap.pipeline.stage import StageDefinition
+from affmap.pipeline.train import TRAIN, trained, untrained
+from affmap.store.attempt import Attempt
+
+MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
+
+
+def make_maps(config: Config, train: Path, attempt: Attempt) -> None:
+    """Paint and write the maps of all members: trained, untrained, and after the epochs whose weights were kept."""
+    snapshots = sorted(train.glob(SNAPSHOT.format(epoch="*"))) if config.report.snapshots else []
+    codes = _codes(config, trained(config, train))
+    _, rows, columns, _ = codes.shape
+    width, height = config.map_layout.size
+    np.savez_compressed(
+        attempt.folder / "maps.npz",
+        allow_pickle=False,
+        codes=codes,
+        initial_codes=_codes(config, untrained(config)),
+        snapshot_codes=np.array([_codes(config, restore(untrained(config), path)) for path in snapshots]),
+        epochs=np.array([int(path.stem.rpartition("-")[2]) for path in snapshots], int),
+        x=np.linspace(0, width, columns),
+        y=np.linspace(0, height, rows),
+        member=np.array(config.seeds),
+    )
+
+
+def _codes(config: Config, stack: Stack) -> np.ndarray:
+    """The codes of all members at the nodes of the map's layout, `[M, Y, X, C]`."""
+    return AffordanceMap.paint(stack, [config.map_layout.map], config.report.map_spacing).codes.numpy()

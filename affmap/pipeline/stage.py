@@ -1,0 +1,35 @@
+"""The definition of a stage: the configuration keys that its result depends on, and the version of its rules.
+
+A stage's configuration is the part of the whole that its result depends on, and nothing else: where two experiments
+agree on it, they share the result. Fields of settings with `exclude=True` say how, not what, and do not count.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from affmap.config.root import Config
+from affmap.store.stage import Stage
+
+
+@dataclass(frozen=True)
+class StageDefinition:
+    """One kind of stage. Whoever changes its numbers raises `version`: results of the old rules are then made anew."""
+
+    name: str
+    keys: tuple[str, ...]
+    """Keys of the configuration that it depends on, beside those of the stages that it needs."""
+    needs: "StageDefinition | None" = None
+    """The stage whose result it starts from."""
+    version: int = 1
+
+    def of(self, config: Config) -> Stage:
+        """The stage of a job: its name, all that its result depends on, and the versions of the rules above 1."""
+        chain = list(self._chain())
+        keys = {key for each in chain for key in each.keys}
+        versions = {each.name: each.version for each in chain if each.version > 1}
+        return Stage(self.name, config.model_dump(mode="json", include=keys), versions)
+
+    def _chain(self) -> Iterator["StageDefinition"]:
+        if self.needs:
+            yield from self.needs._chain()
+        yield self

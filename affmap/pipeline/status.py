@@ -1,0 +1,73 @@
+"""The status of the jobs of a sweep: complete, running, failed, stopped, missing or damaged. Runs nothing."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from affmap.config.root import Config
+from affmap.config.sweep import Sweep
+from affmap.pipeline.job import open_store, stages
+from affmap.store.stage import Stage
+from affmap.store.store import State
+
+REASONS = {
+    "running": "another job works on it",
+    "stopped": "its process ended in the middle; was it killed, perhaps for lack of memory?",
+    "missing": "it was not begun",
+}
+"""Why a stage is not complete, where it has no error to tell."""
+
+
+class StageStatus(NamedTuple):
+    """The state of a stage of a job."""
+
+    name: str
+    digest: str
+    state: State
+
+
+class JobStatus(NamedTuple):
+    """One job of a sweep."""
+
+    label: str
+    parts: tuple[StageStatus, ...]
+
+    @property
+    def current(self) -> StageStatus | None:
+        """The first stage that is not complete; None where all are."""
+        return next((part for part in self.parts if part.state.name != "complete"), None)
+
+    @property
+    def state(self) -> str:
+        """The state of the job: that of its current stage."""
+        return self.current.state.name if self.current else "complete"
+
+
+def jobs(sweep: Sweep, check: bool = False) -> list[JobStatus]:
+    """The status of each job of a sweep; `check` looks at every file of what is complete, once though jobs share it."""
+    known: dict[str, StageStatus] = {}
+    return [
+        JobStatus(label, tuple(_part(stage, config, check, known) for stage in stages(config)))
+        for config, label in zip(sweep.configs, sweep.labels, strict=True)
+    ]
+
+
+def _part(stage: Stage, config: Config, check: bool, known: dict[str, StageStatus]) -> StageStatus:
+    if stage.digest not in known:
+        known[stage.digest] = StageStatus(stage.name, stage.digest, open_store(config).state(stage, check))
+    return known[stage.digest]
+
+
+def failures(jobs: Iterable[JobStatus]) -> list[str]:
+    """A line or two on each setting that is not complete: why, and where its log is."""
+    return [_failure(job.label, job.current.state) for job in jobs if job.current]
+
+
+def _failure(label: str, state: State) -> str:
+    log = f"\n    log: {_relative(Path(state.log))}" if state.log else ""
+    return f"{label}: {state.error or REASONS[state.name]}{log}"
+
+
+def _relative(path: Path) -> Path:
+    """A path as seen from here, where it is below."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

@@ -1,0 +1,43 @@
+"""The stage `train`: a stack of members, trained on the data."""
+
+from pathlib import Path
+
+from affmap.config.root import Config
+from affmap.model.stack import Stack
+from affmap.model.weights import WEIGHTS, restore
+from affmap.pipeline.collect import DATA, DATASET
+from affmap.pipeline.progress import track
+from affmap.pipeline.stage import StageDefinition
+from affmap.store.attempt import Attempt
+
+TRAIN = StageDefinition("train", ("model", "training", "seed", "members"), needs=DATA)
+
+
+def make_models(config: Config, data: Path, attempt: Attempt) -> None:
+    """Train, and write weights and losses."""
+    from affmap.data.batches import DataModule  # Lightning takes seconds to import
+    from affmap.training.fit import fit
+
+    batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
+    num_trials = config.training.num_trials
+    trials = f"{num_trials} trials of " if num_trials else ""
+    description = f"training of {trials}{config.members} members, context size {config.model.context_size}"
+    with track(description, config.training.num_epochs, "epochs", attempt.progress) as update:
+        fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, update, _board(config))
+
+
+def _board(config: Config) -> Path | None:
+    """Where TensorBoard finds a job's training, which other jobs may share."""
+    if config.logger != "tensorboard":
+        return None
+    return config.output / "tensorboard" / f"context{config.model.context_size}_{TRAIN.of(config).digest}"
+
+
+def untrained(config: Config) -> Stack:
+    """The stack before training; with R trials of R x M members, trial by trial, all with the same initial weights."""
+    return Stack(config.model, len(config.channels), (config.training.num_trials or 1) * tuple(config.seeds))
+
+
+def trained(config: Config, train: Path) -> Stack:
+    """The stack after training, from the folder of its stage."""
+    return restore(untrained(config), train / WEIGHTS)

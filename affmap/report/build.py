@@ -1,0 +1,87 @@
+"""The writer of all reports: when a folder is drawn again, its manifest, and the check that it holds a report."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from affmap.results import manifest
+from affmap.settings.messages import ConfigError
+
+KINDS = {"compare": "a comparison", "trials": "a search", "experiments": "a report of the paper", "jobs": "a report"}
+"""Key of a manifest that tells what kind of report it belongs to -> the name of the kind."""
+
+
+class Report(Protocol):
+    """One kind of report, about some results."""
+
+    @property
+    def output(self) -> Path:
+        """Its folder: `report.pdf` and `report.html` where it has pages, `figures`, `tables`, `provenance.json`."""
+        ...
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        """Everything that the report depends on but the code that draws it; a plain value for its manifest."""
+        ...
+
+    @property
+    def page(self) -> Path:
+        """The file to open first."""
+        ...
+
+    def draw(self) -> None:
+        """Write tables, figures and pages into `output`."""
+        ...
+
+
+def write(report: Report) -> Path:
+    """Write a report and its manifest; returns the file to open first.
+
+    Where the report is there already, made of the same results by the same code, nothing is done.
+
+    Raises:
+        ConfigError: the folder holds a report of another kind.
+    """
+    record = report.record
+    there, kind = _kind(manifest.read(report.output)), _kind(record)
+    if there not in (None, kind):
+        raise ConfigError(f"{report.output} holds {KINDS[there]}; say output=runs/<name> for {KINDS[kind]}.")
+    if not manifest.is_current(report.output, record):
+        report.output.mkdir(parents=True, exist_ok=True)
+        report.draw()
+        manifest.write(report.output, record)
+    return report.page
+
+
+def check(report: Report) -> None:
+    """Make sure that the folder of a report holds it, whatever code drew it.
+
+    Raises:
+        ConfigError: it holds a report of other results, or none.
+    """
+    if not manifest.same_results(manifest.read(report.output), report.record):
+        kind = KINDS[_kind(report.record)]
+        raise ConfigError(f"{report.output} holds no {kind[2:]} of these results; run affmap-report for them first.")
+
+
+def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table; its cells are text."""
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)]) + "\n"
+
+
+def markdown_page(path: Path, title: str, notice: str | None, command: str, text: str) -> None:
+    """Write a page in Markdown: title, notice, the command that makes it, and its text."""
+    heading = f"**{notice}**\n\n" if notice else ""
+    write_text(path, f"# {title}\n\n{heading}`{command}`\n\n{text}")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text with the same bytes on every machine."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, "utf-8", newline="\n")
+
+
+def _kind(record: Mapping[str, Any]) -> Any:
+    """The key of `KINDS` that tells the kind of a manifest; None for an empty one."""
+    return next((key for key in KINDS if key in record), "jobs") if record else None

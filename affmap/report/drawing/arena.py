@@ -1,0 +1,184 @@
+"""Drawing functions for what happens in the arena: data and Axes in, Axes out.
+
+Lengths are in u, the arena's lower left corner is the origin. They know colours and labels, and neither files nor
+figures.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.patches import Circle as Disc
+from matplotlib.patches import Ellipse, Patch, Rectangle
+
+from affmap.env.effects import EFFECTS
+from affmap.report.drawing.colors import PLANNER_COLORS
+from affmap.results import maps
+from affmap.results.files import Floats, Maps, Trajectories, World
+
+VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
+
+NUM_DEVIATIONS = 3
+"""Radius of the circles of predicted uncertainty, in standard deviations."""
+
+CELL = 0.1
+"""u, side of the cells of heat maps."""
+
+FEW = 50
+"""Positions; so few say more one by one than as a heat map."""
+
+
+def paint(parts: Sequence[tuple[Maps, World]], index: int) -> list[Floats]:
+    """Colour maps of one member in a common basis, fitted to all of them: `[Y, X, 3]` each.
+
+    Args:
+        parts: maps of the same models and the worlds they were painted of, or of the same world at several times.
+        index: which of the M members.
+    """
+    codes = [arrays.codes[index] for arrays, _ in parts]  # [Y, X, C] each
+    fit = [maps.reachable(arrays.nodes, world) for arrays, world in parts]
+    row = np.concatenate([part.reshape(1, -1, part.shape[-1]) for part in codes], axis=1)  # one row of all nodes
+    colors = maps.colors(row, np.concatenate([part.reshape(1, -1) for part in fit], axis=1))[0]
+    parted = np.split(colors, np.cumsum([part.size for part in fit])[:-1])
+    return [part.reshape(*mask.shape, 3) for part, mask in zip(parted, fit, strict=True)]
+
+
+def affordance_map(ax: Axes, colors: Floats, arrays: Maps, world: World) -> Axes:
+    """A painted map with the world's circles outlined.
+
+    Args:
+        ax: where to draw.
+        colors: `[Y, X, 3]`, see `paint`.
+        arrays: the maps it was painted from, for their nodes.
+        world: the layout.
+    """
+    half_x, half_y = (arrays.x[1] - arrays.x[0]) / 2, (arrays.y[1] - arrays.y[0]) / 2
+    extent = (arrays.x[0] - half_x, arrays.x[-1] + half_x, arrays.y[0] - half_y, arrays.y[-1] + half_y)
+    ax.imshow(colors, origin="lower", extent=extent, interpolation="nearest")
+    for circle in world.circles:
+        ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="black", lw=0.5))
+    return arena(ax, world)
+
+
+def arena(ax: Axes, world: World) -> Axes:
+    """Frame the arena to scale, borders drawn, with axes in u."""
+    ax.spines[:].set(visible=True, linewidth=1.2)
+    ax.set(xlim=(0, world.size[0]), ylim=(0, world.size[1]), aspect="equal")
+    ax.set(xticks=np.arange(0, world.size[0] + 0.01, 1.0), yticks=np.arange(0, world.size[1] + 0.01, 1.0))
+    ax.set(xlabel="x (u)", ylabel="y (u)")
+    return ax
+
+
+def circles(ax: Axes, world: World) -> Axes:
+    """Fill the world's circles by their effect; an arrow says where a force field pulls."""
+    for name, effect in EFFECTS.items():
+        for circle in (circle for circle in world.circles if circle.effect == name):
+            center = (circle.x, circle.y)
+            alpha = 0.5 if effect.pull else 0.85  # fields may overlap anything
+            ax.add_patch(Disc(center, circle.radius, fc=effect.color, ec="none", zorder=1, alpha=alpha))
+            if effect.pull:
+                ax.add_patch(Disc(center, circle.radius, fill=False, ec=effect.color, lw=1.2, zorder=2))
+            if name == "none":
+                ax.add_patch(Disc(center, circle.radius, fill=False, ec="0.6", lw=0.7, ls=":", zorder=1))
+            if effect.pull:
+                reach_x, reach_y = (0.6 * circle.radius * part for part in effect.pull)
+                tail, head = (circle.x - reach_x, circle.y - reach_y), (circle.x + reach_x, circle.y + reach_y)
+                ax.annotate("", head, tail, arrowprops={"arrowstyle": "->", "color": "0.35", "lw": 0.7}, zorder=2)
+    return ax
+
+
+def effect_handles(worlds: Iterable[World]) -> list[Patch]:
+    """Legend entries for the effects that occur in `worlds`; none where there are obstacles only."""
+    present = {circle.effect for world in worlds for circle in world.circles}
+    if present <= {"obstacle"}:
+        return []
+    return [
+        Patch(fc=effect.color, ec="none", label=effect.label) for name, effect in EFFECTS.items() if name in present
+    ]
+
+
+def world_map(ax: Axes, world: World) -> Axes:
+    """The layout: circles, the four start squares, and the vehicle to scale in the middle of one of them."""
+    circles(ax, world)
+    near = world.start_margin
+    far_x, far_y = (size - world.start_margin - world.start_side for size in world.size)
+    for corner in ((near, near), (far_x, near), (near, far_y), (far_x, far_y)):
+        ax.add_patch(Rectangle(corner, world.start_side, world.start_side, fill=False, ec=GOAL_COLOR, ls="--", lw=1.0))
+    middle = near + world.start_side / 2
+    ax.add_patch(Disc((middle, middle), world.vehicle_radius, color=VEHICLE_COLOR, lw=0, zorder=3))
+    return arena(ax, world)
+
+
+def visits(ax: Axes, counts: Floats, free: Floats, world: World) -> Axes:
+    """Visit counts of exploration on a logarithmic scale; free cells never visited are red, others white.
+
+    Args:
+        ax: where to draw.
+        counts: `[Y, X]` recorded steps in each cell of 0.1 u.
+        free: `[Y, X]` can the vehicle's centre be at the cell's centre?
+        world: the layout.
+    """
+    extent = (0.0, world.size[0], 0.0, world.size[1])
+    unvisited = np.where((free > 0) & (counts == 0), 1.0, np.nan)
+    ax.imshow(unvisited, origin="lower", extent=extent, cmap=mpl.colors.ListedColormap([GOAL_COLOR]))
+    norm = LogNorm(vmin=1, vmax=max(2, int(counts.max())))
+    shown = np.ma.masked_less(counts, 1)
+    image = ax.imshow(shown, origin="lower", extent=extent, norm=norm, cmap="viridis", interpolation="nearest")
+    ax.figure.colorbar(image, ax=ax, label=f"visits per cell of {CELL} u (steps)", shrink=0.85)
+    _outlines(ax, world)
+    return arena(ax, world)
+
+
+def heat(ax: Axes, positions: Floats, world: World) -> Axes:
+    """How many of the positions `[N, 2]` (u) lie in each cell of a world; few positions are drawn one by one."""
+    _outlines(ax, world)
+    if not len(positions):
+        return arena(ax, world)
+    if len(positions) < FEW:
+        ax.plot(*positions.T, "o", ms=3, mfc="none", mec="black")
+        return arena(ax, world)
+    bins = [np.linspace(0, side, round(side / CELL) + 1) for side in world.size]
+    counts, _ = np.histogramdd(positions, bins=bins)  # [X, Y]
+    extent = (0.0, world.size[0], 0.0, world.size[1])
+    shown = np.ma.masked_less(counts.T, 1)
+    image = ax.imshow(shown, origin="lower", extent=extent, cmap="viridis_r", vmin=1, interpolation="nearest")
+    bar = ax.figure.colorbar(image, ax=ax, shrink=0.6, label="runs")
+    bar.locator = mpl.ticker.MaxNLocator(nbins=4, integer=True)
+    bar.update_ticks()
+    return arena(ax, world)
+
+
+def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: World) -> Axes:
+    """One moment of one run: past path, planned path with its uncertainty, circles, vehicle and goal.
+
+    Args:
+        ax: where to draw.
+        paths: what control recorded.
+        index: which of its B runs.
+        step: the moment; the plan is the one made then.
+        world: the layout.
+    """
+    circles(ax, world)
+    past = paths.position[index, : step + 1]  # [step + 1, 2]
+    plan = np.vstack([past[-1:], paths.planned_position[index, step]])  # [1 + H, 2]
+    deviation = paths.planned_std[index, step]  # [H, 2]
+    color = PLANNER_COLORS["cem"]
+    ax.plot(*past.T, color="black", lw=1.3, zorder=4, label="past path")
+    ax.plot(*past[0], "s", color="black", ms=4, ls="", zorder=4, label="start")
+    ax.plot(*plan.T, color=color, lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
+    for mean, (width, height) in zip(plan[1:], 2 * NUM_DEVIATIONS * deviation, strict=True):
+        ax.add_patch(Ellipse(mean, width, height, fill=False, ec=color, lw=0.5, alpha=0.4, zorder=3))
+    ax.add_patch(Disc(past[-1], world.vehicle_radius, color=VEHICLE_COLOR, lw=0, zorder=6))
+    ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=7, mew=2.0, ls="", zorder=7, label="goal")
+    # Empty lines for the legend, where a patch would be a rectangle.
+    ax.plot([], [], "o", mfc="none", mec=color, mew=0.6, label=f"uncertainty ({NUM_DEVIATIONS} sd)")
+    ax.plot([], [], "o", color=VEHICLE_COLOR, label="vehicle")
+    return arena(ax, world)
+
+
+def _outlines(ax: Axes, world: World) -> None:
+    for circle in world.circles:
+        ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="white", lw=1.2))
+        ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="black", lw=0.6))

@@ -1,0 +1,243 @@
+"""Drawing functions for numbers: tables and Axes in, Axes out.
+
+They know colours and labels, and neither files nor figures.
+"""
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import seaborn as sns
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.ticker import MaxNLocator
+
+from affmap.env.effects import EFFECTS
+from affmap.report.drawing.colors import Groups
+from affmap.results import failures, statistics
+from affmap.results.metrics import METRICS
+from affmap.results.numbers import number
+
+HUGE, LINEAR = 300, 20
+"""nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
+
+REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6677"}
+
+Span = tuple[float, float] | None
+"""Lowest and highest tick of the paper's axis, marked by dotted lines; or None."""
+
+
+def context_color(context_size: int) -> str:
+    """The colour of a context size, the same in every report."""
+    position = np.interp(context_size, [0, 1, 3, 5, 8, 16, 32], [0.0, 0.2, 0.4, 0.58, 0.75, 0.88, 1.0])
+    return to_hex(mpl.colormaps["viridis"](position))
+
+
+def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None) -> Axes:
+    """Validation NLL over epochs, per context size: mean over members, and their standard deviation as a shade.
+
+    Args:
+        ax: where to draw.
+        validation: one row per context size, member and epoch.
+        paper: see `Span`.
+    """
+    _mark(ax, paper)
+    sizes = sorted(validation["context_size"].unique())
+    num_epochs = validation["epoch"].nunique()
+    sns.lineplot(
+        validation,
+        x="epoch",
+        y="validation_nll",
+        hue="context_size",
+        palette={size: context_color(size) for size in sizes},
+        errorbar="sd",
+        err_kws={"alpha": 0.18, "lw": 0},
+        lw=1.4,
+        marker="o" if num_epochs < 10 else None,
+        legend="full",
+        ax=ax,
+    )
+    ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
+    _focus(ax, validation, paper)
+    return _legend_above(ax, 8 if len(sizes) <= 5 else 4)
+
+
+def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
+    """End the axis where curves with a context do, if one without rises far above them; say where that one ends."""
+    losses = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="mean")
+    spread = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="std")
+    sizes = [size for size in sorted(validation["context_size"].unique()) if size > 0]
+    if not sizes or 0 not in losses:
+        return
+    bands = [(losses[sizes] + sign * spread.reindex(columns=sizes).fillna(0.0)).to_numpy() for sign in (-1, 1)]
+    low, high = min([np.quantile(bands[0], 0.01), *(paper or ())]), max([np.quantile(bands[1], 0.99), *(paper or ())])
+    without = losses[0]
+    if without.max() < high + (high - low) / 2:
+        return
+    margin = 0.05 * (high - low)
+    ax.set_ylim(low - margin, high + margin)
+    ax.text(
+        0.98,
+        0.97,
+        f"C = 0: {number(without.max(), 1)} at its worst, {number(without.iloc[-1], 1)} at the end",
+        ha="right",
+        va="top",
+        fontsize=7,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 1.0, "pad": 1.0},
+        transform=ax.transAxes,
+    )
+
+
+def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span = None) -> Axes:
+    """Box plots of a metric of control by context size, as the paper draws them.
+
+    Boxes are quartiles, whiskers end at the last point within 1.5 interquartile ranges, points beyond are not drawn.
+    Errors that reach far beyond the others have a logarithmic axis.
+
+    Args:
+        ax: where to draw.
+        runs: one row per run.
+        metric: a column of `runs`.
+        groups: what colours tell apart.
+        paper: see `Span`.
+    """
+    _mark(ax, paper)
+    with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed
+        warnings.filterwarnings("ignore", "vert: bool", DeprecationWarning)
+        sns.boxplot(
+            x=runs["context_size"],
+            y=runs[metric],
+            **_by_group(runs, groups),
+            whis=1.5,
+            showfliers=False,
+            gap=0.1,
+            linewidth=0.8,
+            linecolor="black",
+            medianprops={"linewidth": 1.6},
+            ax=ax,
+        )
+    ax.set(xlabel="context size", ylabel=METRICS[metric].label)
+    if runs[metric].min() >= 0:  # a length or a count: let its zero be seen
+        ax.set_ylim(bottom=0)
+    elif ax.get_ylim()[1] > HUGE:  # a model that is surprised by all it meets: let the others be seen, too
+        low = min([ax.dataLim.y0, *(paper or ())])
+        ax.set_yscale("symlog", linthresh=LINEAR)
+        ax.set_ylim(bottom=1.1 * low)
+        ax.set_ylabel(f"{METRICS[metric].label[:-1]}, log beyond ±{LINEAR})")
+    return _legend_above(ax)
+
+
+def bars(
+    ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span = None, intervals: bool = False
+) -> Axes:
+    """Mean over members of their shares of runs, as the paper draws them.
+
+    Args:
+        ax: where to draw.
+        runs: one row per run.
+        metric: a column of truth values of `runs`.
+        groups: what colours tell apart.
+        paper: see `Span`.
+        intervals: black lines are 95 % bootstrap intervals, where there are enough members; else standard deviations
+            over members.
+    """
+    _mark(ax, paper)
+    keys = [groups.column, "context_size", "member"]
+    members = runs.astype({metric: float}).groupby(keys)[metric].mean().reset_index()
+    sns.barplot(
+        x=members["context_size"],
+        y=members[metric],
+        **_by_group(members, groups),
+        errorbar=_interval if intervals else "sd",
+        err_kws={"color": "black", "linewidth": 1.2},
+        edgecolor="black",
+        linewidth=0.8,
+        gap=0.1,
+        ax=ax,
+    )
+    ax.set(xlabel="context size", ylabel=METRICS[metric].label)
+    ax.set_ylim(0.0, max(1.05, ax.get_ylim()[1]))
+    ax.set_yticks(np.linspace(0, 1, 6))  # a standard deviation may reach beyond, a share cannot
+    return _legend_above(ax)
+
+
+def reasons(ax: Axes, runs: pd.DataFrame) -> Axes:
+    """Share of the runs that failed for each reason, by context size.
+
+    Args:
+        ax: where to draw.
+        runs: one row per run, with the column `reason` (`failures.with_reasons`).
+    """
+    return _stacked(ax, failures.shares(runs, "reason", failures.REASONS), failures.REASONS, REASON_COLORS)
+
+
+def nearest(ax: Axes, runs: pd.DataFrame) -> Axes:
+    """Share of the runs that never arrived, by what they were nearest to at their end and by context size.
+
+    Args:
+        ax: where to draw.
+        runs: one row per run, see `failures.with_nearest`.
+    """
+    things = {thing: name for thing, name in failures.NEAREST.items() if (runs["nearest"] == thing).any()}
+    colors = {failures.SURFACE: EFFECTS["obstacle"].color, **{name: each.color for name, each in EFFECTS.items()}}
+    return _stacked(ax, failures.shares(runs, "nearest", things), things, colors)
+
+
+def step_errors(ax: Axes, steps: pd.DataFrame) -> Axes:
+    """Median prediction error of single steps over the number of circles that the vehicle overlapped.
+
+    Args:
+        ax: where to draw.
+        steps: one row per step, see `failures.step_errors`.
+    """
+    medians = steps.groupby(["context_size", "overlapped"])["prediction_error"].median()
+    for size in medians.index.unique("context_size"):
+        of_size = medians[size]
+        ax.plot(of_size.index, of_size, marker=".", ms=4, lw=1, color=context_color(size), label=f"C = {size}")
+    ax.set_xticks(range(failures.MANY + 1), [*map(str, range(failures.MANY)), f"{failures.MANY}+"])
+    ax.set(xlabel="circles overlapped", ylabel="median step error (nats)")
+    if medians.max() > LINEAR:
+        ax.set_yscale("symlog", linthresh=LINEAR)
+        ax.set_ylabel(f"median step error\n(nats, log beyond ±{LINEAR})")
+        ax.margins(y=0.1)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), frameon=False, handlelength=0.9, fontsize=6.5)
+    return ax
+
+
+def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str]) -> Axes:
+    """Stacked bars of shares of runs, by context size (rows) and kind (columns)."""
+    bottom = np.zeros(len(table))
+    for kind, name in names.items():
+        heights = table[kind].to_numpy()
+        ax.bar(range(len(table)), heights, 0.75, bottom, color=colors[kind], ec="black", lw=0.6, label=name)
+        bottom += heights
+    ax.set_xticks(range(len(table)), [str(size) for size in table.index])
+    ax.set(xlabel="context size", ylabel="share of runs", ylim=(0.0, 1.0))
+    return ax
+
+
+def _mark(ax: Axes, paper: Span) -> None:
+    for tick in paper or ():
+        ax.axhline(tick, color="0.6", lw=0.8, ls=":", zorder=0)
+
+
+def _legend_above(ax: Axes, columns: int = 8) -> Axes:
+    """Put the legend to the right of the title, where no data can be."""
+    style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 0.9, "handletextpad": 0.4, "columnspacing": 0.7}
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **style)
+    return ax
+
+
+def _interval(shares: "pd.Series[float]") -> tuple[float, float]:
+    return statistics.interval(shares) if len(shares) >= statistics.MIN_MEMBERS else (np.nan, np.nan)
+
+
+def _by_group(table: pd.DataFrame, groups: Groups) -> dict[str, Any]:
+    """Seaborn's arguments that tell the groups of `table` apart, in the names that readers know."""
+    shown = groups.of(table)
+    names = [name for name in groups.names.values() if name in set(shown)]
+    return {"hue": shown, "hue_order": names, "palette": groups.palette, "saturation": 1.0}

@@ -1,0 +1,1 @@
+"""Affordance maps to be pointed at in the page."""

@@ -1,0 +1,58 @@
+"""Affordance maps whose codes are shown under the pointer. Knows results; `explorer.js` draws."""
+
+import base64
+import io
+from typing import Any
+
+import numpy as np
+from matplotlib.image import imsave
+
+from affmap.report import blocks
+from affmap.report.drawing.colors import readable
+from affmap.report.figures.pictures import Painted, map_size, paint, painted
+from affmap.report.packing import pack
+from affmap.report.player.runs import CODE, describe, effects
+from affmap.results.files import Floats
+from affmap.results.setting import ReportSettings
+from affmap.results.tables import Results
+
+SPACING = 0.04
+"""u, between the nodes whose codes are in the page; the picture has all nodes."""
+
+
+def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
+    """The block with the first member's maps of every context size and world; None where there are no codes."""
+    maps = []
+    for size in filter(None, results.context_sizes):
+        parts = painted(results, size)
+        maps += [_map(part, colors, settings) for part, colors in zip(parts, paint(parts, 0), strict=True)]
+    if not maps:
+        return None
+    spacing = maps[0]["spacing"][0]
+    caption = (
+        "Affordance maps of the first member, coloured as in the figure of maps. Point at one, or move with the arrow "
+        f"keys: the bars are the context code at the nearest of the nodes that are {spacing:.2g} u apart. Codes lie "
+        "between −1 and 1; that of one model means nothing to another."
+    )
+    first = next(place for place, found in enumerate(maps) if found["choice"][1] == str(map_size(results)))
+    data = {"first": first, "keys": ["World", "Context size"], "maps": maps, "effects": effects()}
+    return blocks.explorer(data, caption)
+
+
+def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, Any]:
+    """A map of the first member: its picture `[Y, X, 3]`, and the codes at every so many nodes."""
+    axes = np.array([(nodes[0], nodes[-1], nodes[1] - nodes[0]) for nodes in (part.maps.x, part.maps.y)])
+    first, last, pitch = axes.T  # x and y each, u
+    stride = max(1, round(SPACING / float(pitch[0])))
+    picture = io.BytesIO()
+    unsigned: Any = {"Software": None}  # the same bytes by any version of Matplotlib
+    imsave(picture, colors, origin="lower", format="png", metadata=unsigned)
+    return {
+        "choice": [readable(part.world.name, settings), str(part.job.context_size)],
+        "world": describe(part.world),
+        "picture": f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}",
+        "edges": [(first - pitch / 2).tolist(), (last + pitch / 2).tolist()],  # a node is in the middle of its pixel
+        "origin": first.tolist(),
+        "spacing": (stride * pitch).round(9).tolist(),
+        "codes": pack(part.maps.codes[0, ::stride, ::stride], CODE),
+    }

@@ -1,0 +1,62 @@
+"""Figures as files: PNG to look at, PDF to print, SVG for the page; the same figure gives the same bytes."""
+
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+WIDTH = 7.0
+"""Inches: the text width of the report's page, so that nothing is scaled and fonts keep their size."""
+
+DPI = 200
+"""Of the PNG files."""
+
+STYLE: Any = {
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.fontsize": 7.5,
+    "legend.title_fontsize": 7.5,
+    "pdf.fonttype": 42,  # text stays text
+    "svg.fonttype": "path",  # a reader's browser may lack the font, and labels would not fit
+    "svg.hashsalt": "affmap",  # identifiers are random without it
+}
+
+MAX_SVG = 1_500_000
+"""Bytes; a figure that would be larger as SVG has none, and the page shows its PNG: thousands of marks load slowly."""
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure; sizes in inches."""
+    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.06))
+
+
+def save(figure: Figure, path: Path, notice: str | None) -> None:
+    if notice:
+        lines = textwrap.wrap(notice, round(11 * figure.get_figwidth()))
+        height = figure.get_figheight() + 0.16 * len(lines)
+        figure.set_figheight(height)
+        engine = figure.get_layout_engine()
+        assert isinstance(engine, ConstrainedLayoutEngine)
+        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - 0.16 * len(lines) / height))  # subfigures make no room for a title
+        top = 1.0 - 0.04 / height
+        style: dict[str, Any] = {
+            "color": "red",
+            "fontsize": 8,
+            "fontweight": "bold",
+            "parse_math": False,
+        }  # a dollar is a dollar
+        figure.text(0.5, top, "\n".join(lines), ha="center", va="top", **style)
+    figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
+    figure.set_layout_engine("none")  # as it was laid out for the first file, once
+    figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
+
+
+def save_svg(figure: Figure, path: Path) -> None:
+    """Save a figure as it was laid out for the other files, unless it is larger than `MAX_SVG`."""
+    figure.savefig(path, metadata={"Date": None, "Creator": None})
+    if path.stat().st_size > MAX_SVG:
+        path.unlink()

@@ -1,0 +1,1 @@
+"""Runs to be played in the page."""

@@ -1,0 +1,9 @@
+from .claims import Claim as Claim
+from .claims import Criterion as Criterion
+from .claims import Score as Score
+from .metrics import METRICS as METRICS
+from .metrics import Metric as Metric
+from .setting import ReportSettings as ReportSettings
+from .statistics import Outcome as Outcome
+from .statistics import Verdict as Verdict
+from .tables import Results as Results

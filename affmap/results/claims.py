@@ -1,0 +1,212 @@
+"""What a claim is, and the tests of tables that several claims share. Knows no experiment.
+
+A member's score is its mean over its runs; tests are paired by member (`statistics.py`). Where several context sizes
+are averaged, they weigh the same, and only those count that both settings have.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from affmap.results import statistics
+from affmap.results.files import Floats, Maps, World
+from affmap.results.metrics import METRICS
+from affmap.results.numbers import number, p_value
+from affmap.results.statistics import Direction, Order, Outcome, Verdict
+from affmap.results.tables import Results, score_matrix
+
+SIGNED_RANK, TREND = "Wilcoxon signed-rank", "Page's trend test"
+
+NOWHERE = statistics.undecided(SIGNED_RANK, 0, "this world has no place where the parts can be seen alone")
+NO_CONTEXT = statistics.undecided(SIGNED_RANK, 0, "needs a context size above 0")
+
+Contrast = Callable[[Maps, World], tuple[Floats, Floats]]
+"""Two distances `[M]` in affordance maps."""
+
+Test = Callable[[NDArray[np.floating], NDArray[np.floating]], Outcome]
+"""Of two scores `[M]`."""
+
+
+class Criterion(NamedTuple):
+    """One test of a claim."""
+
+    name: str
+    """Empty, or the letter of the part where a claim has several."""
+    effect_of: str
+    """What the effect is the difference of."""
+    unit: str
+    """Of the effect; `sd` is a standard deviation of a member's own map."""
+    outcome: Outcome
+    statement: str = ""
+    """What this part says where a claim has several."""
+    counts: bool = True
+    """Whether the claim's verdict depends on it; what was learned goes beyond what the paper claims, and does not."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence of the paper that can be tested."""
+
+    name: str
+    statement: str
+    test: Callable[[Results], Sequence[Criterion]]
+
+
+@dataclass(frozen=True)
+class Score:
+    """A claim and what its tests say."""
+
+    claim: Claim
+    parts: tuple[Criterion, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of all parts that count together."""
+        return statistics.conjunction([part.outcome.verdict for part in self.parts if part.counts])
+
+
+class Pair(NamedTuple):
+    """Two settings to compare."""
+
+    column: str
+    """`planner` or `layout`: what they differ in."""
+    first: str
+    second: str
+
+
+class Painted(NamedTuple):
+    """Maps of a context size, and their world."""
+
+    context_size: int
+    maps: Maps
+    world: World
+
+
+def flown(results: Results, layout: str | None = None, planner: str = "cem") -> pd.DataFrame:
+    """The runs of a planner, in one layout or all. The paper's Experiments II to V have the evolutionary one only."""
+    runs = results.runs[results.runs["planner"] == planner]
+    return runs if layout is None else runs[runs["layout"] == layout]
+
+
+def trend(
+    table: pd.DataFrame, metric: str, direction: Direction, who: str, name: str = "", says: str = ""
+) -> Criterion:
+    """Test a trend over the context sizes in `table`; `who` is missing where it is empty."""
+    if table.empty:
+        outcome = statistics.undecided(TREND, 0, f"{who} was not run")
+        return Criterion(name, "context sizes", METRICS[metric].unit, outcome, says)
+    matrix = score_matrix(table, metric)
+    effect_of = f"C = {matrix.columns[-1]} minus C = {matrix.columns[0]}"
+    outcome = statistics.trend(matrix.to_numpy(), direction, METRICS[metric].statistic)
+    return Criterion(name, effect_of, METRICS[metric].unit, outcome, says)
+
+
+def paired(table: pd.DataFrame, metric: str, pair: Pair, order: Order) -> Outcome:
+    """Test whether the first setting of a pair scores lower (or higher), on average over the context sizes.
+
+    Where there are several sizes, the note has each of them.
+    """
+    return _with_sizes(table, metric, pair, _test(metric, order))[0]
+
+
+def paired_at_every_size(table: pd.DataFrame, metric: str, pair: Pair, order: Order) -> Outcome:
+    """Test whether the first setting scores lower (or higher) than the second at each context size."""
+    mean, each = _with_sizes(table, metric, pair, _test(metric, order))
+    return statistics.everywhere(each, mean)
+
+
+def _test(metric: str, order: Order) -> Test:
+    return lambda first, second: statistics.paired(first, second, order, METRICS[metric].statistic)
+
+
+def same(table: pd.DataFrame, metric: str, pair: Pair, margin: float) -> Outcome:
+    """Test whether a pair scores the same up to a margin, on average; the note has each context size."""
+    return _with_sizes(table, metric, pair, lambda first, second: statistics.same(first, second, margin))[0]
+
+
+def loss_falls(results: Results) -> list[Criterion]:
+    """Test whether the validation loss of the last epoch, whose weights control uses, falls with the context size."""
+    return [trend(results.last_epoch, "validation_nll", "falls", "a training")]
+
+
+def largest_maps(results: Results, layout: str | None = None) -> Painted | None:
+    """The maps of the largest context size of a layout (of the first one where none is given), or None."""
+    painted = results.maps(layout)
+    if not painted:
+        return None
+    size = max(painted)
+    job = results.job(size, layout=layout)
+    assert job is not None  # there are maps of it
+    return Painted(size, painted[size], results.map_world(job))
+
+
+def encoded(
+    painted: Painted | None, contrast: Contrast, order: Order, name: str, effect_of: str, statement: str
+) -> list[Criterion]:
+    """Two parts: a contrast between distances in trained maps, and whether it is more than in untrained ones."""
+    size, outcome, learned = 0, NO_CONTEXT, NO_CONTEXT
+    if painted is not None:
+        size, maps, world = painted
+        outcome, learned = contrasts(contrast(maps, world), contrast(maps.untrained, world), order)
+    again = f"{statement.removesuffix('.')}: more so than in the same member's map before training."
+    return [
+        Criterion(name, f"{effect_of}, C = {size}", "sd", outcome, statement),
+        Criterion(
+            f"{name}, learned", "trained minus untrained of the same difference", "sd", learned, again, counts=False
+        ),
+    ]
+
+
+def contrasts(
+    trained: tuple[Floats, Floats], untrained: tuple[Floats, Floats], order: Order
+) -> tuple[Outcome, Outcome]:
+    """Test whether the first distance `[M]` is the lower (or higher) after training, and by more than before it.
+
+    Similar pictures have similar codes in an untrained network, too; only the second test shows what was learned.
+    """
+    if not len(trained[0]):
+        return NOWHERE, NOWHERE
+    after, before = trained[0] - trained[1], untrained[0] - untrained[1]
+    return statistics.paired(*trained, order), statistics.paired(after, before, order)
+
+
+def with_note(outcome: Outcome, notes: Sequence[str]) -> Outcome:
+    """The outcome with further notes."""
+    return replace(outcome, note="; ".join(filter(None, [outcome.note, *notes])))
+
+
+def short(outcome: Outcome, unit: str) -> str:
+    """An outcome in a note: effect, p value where there is one, and verdict; its own note where it has no effect."""
+    if outcome.effect is None or outcome.low is None:
+        return outcome.note
+    p = "" if outcome.p is None else f"p {p_value(outcome.p)}, "
+    return f"{number(outcome.effect, sign=True)} {unit}, {p}{outcome.verdict}"
+
+
+def _paired(table: pd.DataFrame, metric: str, pair: Pair) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Scores `[M, S]` of either setting at the S context sizes (columns) that both have; S may be 0."""
+    table = table[table[pair.column].isin([pair.first, pair.second])]
+    both = table.groupby("context_size")[pair.column].transform("nunique") == 2
+    if not both.any():
+        return pd.DataFrame(), pd.DataFrame()
+    settings = score_matrix(table[both], metric, [pair.column, "context_size"])
+    return settings[[pair.first]].droplevel(0, axis=1), settings[[pair.second]].droplevel(0, axis=1)
+
+
+def _on_average(first: pd.DataFrame, second: pd.DataFrame, pair: Pair, test: Test) -> Outcome:
+    if first.empty:
+        nothing = np.empty(0)
+        return replace(test(nothing, nothing), note=f"needs runs of both {pair.column}s")
+    return test(first.to_numpy(dtype=float).mean(axis=1), second.to_numpy(dtype=float).mean(axis=1))
+
+
+def _with_sizes(table: pd.DataFrame, metric: str, pair: Pair, test: Test) -> tuple[Outcome, list[Outcome]]:
+    """The outcome on average over the context sizes, with a note about each, and the outcomes of each."""
+    first, second = _paired(table, metric, pair)
+    each = {size: test(first[size].to_numpy(float), second[size].to_numpy(float)) for size in first}
+    notes = [f"C = {size}: {short(outcome, METRICS[metric].unit)}" for size, outcome in each.items() if len(each) > 1]
+    return with_note(_on_average(first, second, pair, test), notes), list(each.values())

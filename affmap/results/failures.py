@@ -1,0 +1,136 @@
+"""Why runs fail, and where: pure functions of the results."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from affmap.env.effects import EFFECTS
+from affmap.results.files import Floats, Job, World
+from affmap.results.maps import circle_distance, surface_distance
+from affmap.results.tables import Results
+
+REASONS = {
+    "fog": "touched fog",
+    "stuck": "never arrived: stuck",
+    "other": "never arrived: other",
+}
+"""Reason -> its name. A run that touched fog counts there, also where it did not arrive."""
+
+
+SURFACE = "surface"
+
+_TERRAINS = {name: effect.label for name, effect in EFFECTS.items() if name not in ("obstacle", "none")}
+
+NEAREST = {SURFACE: "obstacle or border", **_TERRAINS}
+"""What a vehicle can be nearest to -> its name."""
+
+
+MANY = 3
+"""So many circles that a vehicle overlaps, or more, are told apart from fewer only."""
+
+
+class Places(NamedTuple):
+    """Where runs of one layout went wrong; positions in u. A run may be in both."""
+
+    fog: Floats
+    """`[F, 2]` where runs were when they first touched fog."""
+    ended: Floats
+    """`[E, 2]` where runs that never arrived were at their end."""
+
+
+def are_of_interest(results: Results) -> bool:
+    """Whether runs can fail for several reasons: there is fog, or a world of its own for each run."""
+    return any(has_fog(results, job) or len(set(results.worlds(job))) > 1 for job in results.jobs)
+
+
+def has_fog(results: Results, job: Job) -> bool:
+    """Whether there is fog where the runs of `job` fly."""
+    return any(circle.effect == "fog" for world in results.worlds(job) for circle in world.circles)
+
+
+def with_reasons(results: Results) -> pd.DataFrame:
+    """The runs with the column `reason`: a key of `REASONS`, or empty for a success.
+
+    Stuck: the positions of the last quarter of the run are all nearer to their mean than the vehicle's diameter.
+    """
+    runs = results.runs
+    diameter = 2 * results.worlds(results.jobs[0])[0].vehicle_radius
+    conditions = [runs["success"].astype(bool), runs["steps_in_fog"] > 0, runs["final_spread"] < diameter]
+    return runs.assign(reason=np.select(conditions, ["", "fog", "stuck"], "other"))
+
+
+def shares(runs: pd.DataFrame, column: str, kinds: Iterable[str]) -> pd.DataFrame:
+    """Share of the runs with each of some values in a column: one row per context size, one column per value."""
+    counts = runs.groupby("context_size")[column].value_counts(normalize=True).unstack(fill_value=0)
+    return counts.reindex(columns=list(kinds), fill_value=0).astype(float)
+
+
+def with_nearest(results: Results, layout: str, planner: str) -> pd.DataFrame:
+    """Context size of each run, and what it was nearest to at its end: a key of `NEAREST`, or empty if it arrived."""
+    tables = []
+    for job in _jobs(results, layout, planner):
+        paths = results.trajectories(job)
+        ends = zip(paths.position[:, -1], results.worlds(job), np.any(paths.reached, axis=1), strict=True)
+        things = ["" if arrived else nearest(position, world) for position, world, arrived in ends]
+        tables.append(pd.DataFrame({"context_size": job.context_size, "nearest": things}))
+    return pd.concat(tables, ignore_index=True)
+
+
+def nearest(position: Floats, world: World) -> str:
+    """What is nearest to a place `[2]` (u), or lies around it deepest: a key of `NEAREST`."""
+    distances = {SURFACE: float(surface_distance(position, world))}
+    for circle in world.circles:
+        if circle.effect in _TERRAINS:
+            now = float(circle_distance(position, circle))
+            distances[circle.effect] = min(now, distances.get(circle.effect, now))
+    return min(distances, key=lambda thing: distances[thing])
+
+
+def step_errors(results: Results, layout: str, planner: str) -> pd.DataFrame:
+    """Prediction errors of single steps, and how many circles the vehicle overlapped when they began.
+
+    Returns:
+        `context_size`, `overlapped` (at most `MANY`, for that many or more) and `prediction_error` (nats) of each step
+        of each run, but for those that begin or end in fog, where what the vehicle reports is noise.
+    """
+    tables = []
+    for job in _jobs(results, layout, planner):
+        paths = results.trajectories(job)
+        predicted = norm(paths.planned_position[:, :, 0], paths.planned_std[:, :, 0])
+        errors = -np.sum(predicted.logpdf(paths.position[:, 1:]), axis=-1)
+        runs = zip(paths.position, results.worlds(job), strict=True)
+        counts = [overlapped(positions[:-1], world) for positions, world in runs]
+        clear = ~paths.in_fog
+        clear[:, 1:] &= ~paths.in_fog[:, :-1]
+        values = {"overlapped": np.minimum(counts, MANY)[clear], "prediction_error": errors[clear]}
+        tables.append(pd.DataFrame({"context_size": job.context_size, **values}))
+    return pd.concat(tables, ignore_index=True)
+
+
+def overlapped(positions: Floats, world: World) -> NDArray[np.integer]:
+    """How many circles, but for those without effect, the vehicle at `positions` `[..., 2]` (u) overlaps: `[...]`."""
+    circles = [circle for circle in world.circles if circle.effect != "none"]
+    inside = [circle_distance(positions, circle) < world.vehicle_radius for circle in circles]
+    return np.sum(inside, axis=0) if inside else np.zeros(positions.shape[:-1], int)
+
+
+def places(results: Results, layout: str, planner: str) -> Places:
+    """Where runs went wrong, over all context sizes above 0 (over 0 where no other was run)."""
+    found = _jobs(results, layout, planner)
+    chosen = [job for job in found if job.context_size > 0] or found
+    fog, ended = [], []
+    for job in chosen:
+        paths = results.trajectories(job)
+        touched = paths.in_fog.any(axis=1)
+        first = paths.in_fog[touched].argmax(axis=1) + 1  # a step's end is the next position
+        fog.append(paths.position[touched, first])
+        ended.append(paths.position[~paths.reached.any(axis=1), -1])
+    return Places(np.concatenate(fog), np.concatenate(ended))
+
+
+def _jobs(results: Results, layout: str, planner: str) -> list[Job]:
+    return [job for job in results.jobs if (job.layout, job.planner) == (layout, planner)]

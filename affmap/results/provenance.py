@@ -1,0 +1,161 @@
+"""Where the results come from, and what they cost: the stages' own provenance, once each, without what they repeat."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from affmap.env.effects import EFFECTS
+from affmap.results.files import STAGES, Job
+from affmap.results.numbers import NOTHING, points
+from affmap.results.tables import Results
+
+_SHARED = ("versions", "git", "machine", "command")
+"""What most stages of a sweep agree on: its distinct values are listed once."""
+
+_PLACEHOLDER = re.compile(r"\$\{([a-z_.]+)\}")
+
+
+class Cost(NamedTuple):
+    """What the stages of one kind took."""
+
+    stage: str
+    folders: int
+    seconds: float
+
+
+def summarize(jobs: Sequence[Job], records: Mapping[Path, dict[str, Any]]) -> dict[str, Any]:
+    """Everything `provenance.json` says about the stages.
+
+    Args:
+        jobs: the settings.
+        records: stage folder -> its own provenance, of the jobs and of what belongs to them.
+
+    Returns:
+        `seconds` (all stages together) and `peak_memory_mib` (of the largest process); the distinct values of
+        `versions`, `git`, `machine` and `command`; `configs`, the configuration of the first stage of each kind;
+        `stages`, one entry per folder with the leaves in which its configuration `differs` from that one; and `jobs`,
+        the digests of each setting's stages.
+    """
+    configs: dict[str, dict[str, Any]] = {}
+    stages: list[dict[str, Any]] = []
+    for record in records.values():
+        config = record.get("config", {})
+        base = configs.setdefault(record["stage"], config)
+        entry = {key: record.get(key) for key in ("stage", "digest", "started", "seconds", "peak_memory_mib")}
+        stages.append({**entry, "differs": differences(config, base)})
+    settings = [
+        {"context_size": job.context_size, "planner": job.planner, "layout": job.layout}
+        | {stage: [records[folder]["digest"] for folder in getattr(job, stage)] for stage in STAGES}
+        for job in jobs
+    ]
+    return {
+        "seconds": sum(stage["seconds"] or 0.0 for stage in stages),
+        "peak_memory_mib": max(stage["peak_memory_mib"] or 0.0 for stage in stages),
+        **{key: distinct([record.get(key) for record in records.values()]) for key in _SHARED},
+        "configs": configs,
+        "stages": stages,
+        "jobs": settings,
+    }
+
+
+def config_of(record: Mapping[str, Any], digest: str) -> dict[str, Any]:
+    """The configuration of a stage out of what `summarize` returned."""
+    stage = next(stage for stage in record["stages"] if stage["digest"] == digest)
+    values = leaves(record["configs"][stage["stage"]]) | stage["differs"]
+    config: dict[str, Any] = {}
+    for key, value in values.items():
+        if value is None:  # the first stage of this kind has it, and this one has not
+            continue
+        *groups, name = key.split(".")
+        group = config
+        for each in groups:
+            group = group.setdefault(each, {})
+        group[name] = value
+    return config
+
+
+def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
+    """Put the values that were used into a list of points that names them as `${group.key}`.
+
+    Of several reports the first that knows a value gives it. A point is left out where a value is not known: it is
+    about something that was not run.
+    """
+    values: dict[str, Any] = {}
+    for results in reports:
+        for job in results.jobs:
+            config = results.provenance[job.control[0]]["config"]
+            named = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
+            # So that a point can be about an effect, and is left out where no circle has it.
+            layouts = [*config["training_layouts"], config["control_layout"]]
+            circles = [circle for layout in layouts for circle in layout.get("circles", layout.get("properties"))]
+            effects = {f"effect.{each['effect']}": EFFECTS[each["effect"]].label for each in circles}
+            values = leaves(config) | named | effects | values
+    return [
+        (title, _PLACEHOLDER.sub(lambda match: shown(values[match[1]]), text))
+        for title, text in points(template)
+        if all(key in values for key in _PLACEHOLDER.findall(text))
+    ]
+
+
+def shown(value: Any) -> str:
+    """A value of the configuration as text."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def costs(reports: Sequence[Results]) -> list[list[Cost]]:
+    """Per report and kind of stage: number of folders, and seconds in total.
+
+    What two reports share is counted with the first.
+    """
+    counted: set[Path] = set()
+    tables = []
+    for results in reports:
+        records = [record for folder, record in results.provenance.items() if folder not in counted]
+        counted |= results.provenance.keys()
+        tables.append([_cost(stage, [record for record in records if record["stage"] == stage]) for stage in STAGES])
+    return tables
+
+
+def _cost(stage: str, records: Sequence[dict[str, Any]]) -> Cost:
+    return Cost(stage, len(records), sum(record.get("seconds") or 0.0 for record in records))
+
+
+def differences(config: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
+    """The leaves of `config`, by dotted name, that are not those of `base`; None for leaves only `base` has."""
+    own, others = leaves(config), leaves(base)
+    names = sorted(own.keys() | others.keys())
+    return {name: own.get(name) for name in names if own.get(name) != others.get(name)}
+
+
+def leaves(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Dotted name -> value, of everything in `config` that is no group."""
+    found: dict[str, Any] = {}
+    for key, value in config.items():
+        found |= leaves(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return found
+
+
+def distinct(values: Sequence[Any]) -> list[Any]:
+    """The distinct values in order of appearance; they need not be hashable."""
+    found: list[Any] = []
+    for value in values:
+        if value is not None and value not in found:
+            found.append(value)
+    return found
+
+
+def setting_of(differs: dict[str, Any]) -> str:
+    """What tells a stage from the first of its kind, in short; `provenance.json` has every difference."""
+    names = {
+        "model.context_size": "context size",
+        "planner.kind": "planner",
+        "lookup.spacing": "look-up",
+        "control_layout.name": "flown in",
+        "map_layout.name": "map of",
+        "training.num_epochs": "epochs",
+    }
+    parts = [f"{name} {differs[key]}" for key, name in names.items() if key in differs]
+    if "training_layouts" in differs:
+        parts.insert(0, f"trained in {', '.join(layout['name'] for layout in differs['training_layouts'])}")
+    return ", ".join(parts) or NOTHING

@@ -1,0 +1,93 @@
+"""Scores of claims, and the centers of all settings, as tables: pure functions of the results."""
+
+import math
+from collections.abc import Sequence
+
+import pandas as pd
+
+from affmap.results.claims import Claim, Score
+from affmap.results.files import PLANNERS
+from affmap.results.metrics import METRICS
+from affmap.results.setting import MetricName, ReportSettings
+from affmap.results.tables import Results
+
+COLUMNS = (
+    "claim",
+    "part",
+    "statement",
+    "test",
+    "members",
+    "effect_of",
+    "effect",
+    "low",
+    "high",
+    "unit",
+    "p",
+    "p_opposite",
+    "part_verdict",
+    "verdict",
+    "note",
+)
+
+
+def score(results: Results, claims: Sequence[Claim]) -> list[Score]:
+    """Test every claim."""
+    return [Score(claim, tuple(claim.test(results))) for claim in claims]
+
+
+def as_table(scores: Sequence[Score]) -> pd.DataFrame:
+    """One row per part of each claim, columns `COLUMNS`; empty cells where there is nothing to report."""
+    rows = [
+        (
+            item.claim.name,
+            part.name,
+            part.statement or item.claim.statement,
+            part.outcome.test,
+            part.outcome.members,
+            part.effect_of,
+            part.outcome.effect,
+            part.outcome.low,
+            part.outcome.high,
+            part.unit,
+            part.outcome.p,
+            part.outcome.p_opposite,
+            part.outcome.verdict.value,
+            item.verdict.value,
+            part.outcome.note,
+        )
+        for item in scores
+        for part in item.parts
+    ]
+    numbers = ("effect", "low", "high", "p", "p_opposite")
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype(dict.fromkeys(numbers, float))
+
+
+def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
+    """The center of each setting (over members for the validation loss, over runs in control), and the paper's axis.
+
+    The center is the median, as in the paper's box plots; of `success` it is the mean, as in its bars. A training has
+    no planner, and a layout only where the trainings differ in it. Where no axis is given, `paper_low`, `paper_high`
+    and `inside` are empty.
+    """
+    losses = results.last_epoch.assign(planner="")
+    if losses["layout"].nunique() == 1:
+        losses["layout"] = ""
+    metrics: list[MetricName] = ["validation_nll", "prediction_error", settings.outcome]
+    tables = [_centers(losses if metric == "validation_nll" else results.runs, metric) for metric in metrics]
+    places = {layout: place for place, layout in enumerate(["", *results.layouts])}  # in the order of the figures
+    ordered = [each.sort_values("layout", key=lambda names: names.map(places), kind="stable") for each in tables]
+    table = pd.concat(ordered, ignore_index=True).replace({"planner": PLANNERS})
+    axes = table["metric"].map(lambda metric: settings.axes.get(metric, (math.nan, math.nan)))
+    table["paper_low"], table["paper_high"] = axes.str[0], axes.str[1]
+    inside = table["center"].between(table["paper_low"], table["paper_high"])
+    table["inside"] = inside.astype("boolean").mask(table["paper_low"].isna())
+    return table
+
+
+def _centers(table: pd.DataFrame, metric: MetricName) -> pd.DataFrame:
+    """One row per planner, layout and context size."""
+    statistic = "mean" if metric == "success" else "median"
+    scores = table[metric].astype(float).groupby([table[key] for key in ("planner", "layout", "context_size")])
+    found = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
+    columns = ["metric", "planner", "layout", "context_size", "number", "statistic", "center", "unit"]
+    return found.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]

@@ -1,0 +1,260 @@
+"""Tests of ordered settings, of paired ones and of levels, paired by member: pure functions of score matrices.
+
+A verdict has three values. A claim of a *direction* holds when a one-sided test in it gives p < 0.05, does not hold
+when the one-sided test in the opposite direction does, and is not decided otherwise. A claim of a *size* (at least a
+level, or the same up to a margin) is decided by the 95 % interval over members and has no p value. Neither is decided
+where there is too little to test: then a note says what is missing. No function returns a NaN or decides from one.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from affmap.results.metrics import Statistic
+
+LEVEL = 0.05
+"""One-sided level of every test."""
+
+MIN_MEMBERS = 5
+"""With fewer, the signed-rank test cannot reach the level (0.5 ** 4 = 0.0625), and an interval means nothing."""
+
+Direction = Literal["falls", "rises"]
+Order = Literal["lower", "higher"]
+Scores = NDArray[np.floating]
+
+
+class Verdict(StrEnum):
+    """What a test says about a claim."""
+
+    HOLDS = "holds"
+    DOES_NOT_HOLD = "does not hold"
+    NOT_DECIDED = "not decided"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A test's result. What cannot be computed is None; then `note` says why."""
+
+    test: str
+    members: int
+    verdict: Verdict
+    effect: float | None = None
+    """Mean or median over members of a difference, or mean of the score whose level is tested; the unit is theirs."""
+    low: float | None = None
+    """Lower end of the effect's 95 % interval over members."""
+    high: float | None = None
+    p: float | None = None
+    """One-sided, in the direction of the claim."""
+    p_opposite: float | None = None
+    """One-sided, in the opposite direction."""
+    note: str = ""
+
+
+def trend(scores: ArrayLike, direction: Direction, statistic: Statistic = "mean") -> Outcome:
+    """Test whether scores fall (or rise) along the settings: Page's trend test, members ranked within themselves.
+
+    With two settings there is no trend to order, and the test is the signed-rank test of the two.
+
+    Args:
+        scores: `[M, S]`, S settings in ascending order.
+        direction: what the claim says the scores do from the first setting to the last.
+        statistic: what of the members' differences is the effect.
+
+    Returns:
+        The outcome; its effect is last setting minus first, whatever the direction.
+    """
+    matrix = np.asarray(scores, dtype=float)
+    if matrix.ndim != 2 or matrix.shape[1] < 2:
+        return undecided("Page's trend test", len(matrix), "needs at least two settings")
+    difference = matrix[:, -1] - matrix[:, 0]
+    if matrix.shape[1] == 2:
+        return _signed_rank(difference, "higher" if direction == "rises" else "lower", statistic)
+    test = "Page's trend test"
+    if problem := _problem(matrix):
+        return undecided(test, len(matrix), problem, _center(difference, statistic))
+    if np.all(matrix == matrix[:, :1]):
+        return undecided(test, len(matrix), "all settings score the same", 0.0)
+    rises = float(stats.page_trend_test(matrix).pvalue)  # its alternative: scores rise along the columns
+    falls = float(stats.page_trend_test(matrix[:, ::-1]).pvalue)
+    p, p_opposite = (rises, falls) if direction == "rises" else (falls, rises)
+    return _directed(test, difference, statistic, p, p_opposite)
+
+
+def paired(first: ArrayLike, second: ArrayLike, order: Order, statistic: Statistic = "mean") -> Outcome:
+    """Test whether the first scores are lower (or higher) than the second: Wilcoxon's signed-rank test.
+
+    Args:
+        first: `[M]`.
+        second: `[M]`, in the same order of members.
+        order: what the claim says of the first.
+        statistic: what of the members' differences is the effect.
+
+    Returns:
+        The outcome; its effect is first minus second, so its sign is the claim's where the claim is right.
+    """
+    return _signed_rank(np.asarray(first, dtype=float) - np.asarray(second, dtype=float), order, statistic)
+
+
+def same(first: ArrayLike, second: ArrayLike, margin: float) -> Outcome:
+    """Test whether two scores are the same up to a margin (`equivalence`), paired by member.
+
+    Args:
+        first: `[M]`.
+        second: `[M]`, in the same order of members.
+        margin: largest difference that would not matter.
+
+    Returns:
+        The outcome; its effect is first minus second.
+    """
+    difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
+    test = f"95 % interval within ±{margin:g}"
+    return _by_interval(test, difference, lambda low, high: equivalence(low, high, margin))
+
+
+def at_least(scores: ArrayLike, level: float) -> Outcome:
+    """Test whether the mean over members of scores `[M]` is `level` or more; it is the outcome's effect.
+
+    The claim holds when the whole 95 % interval is, does not hold when none of it is, and is else not decided.
+    """
+
+    def decide(low: float, high: float) -> Verdict:
+        if low >= level:
+            return Verdict.HOLDS
+        return Verdict.DOES_NOT_HOLD if high < level else Verdict.NOT_DECIDED
+
+    return _by_interval(f"95 % interval from {level:g} up", np.asarray(scores, dtype=float), decide)
+
+
+def below(scores: ArrayLike, level: float) -> Outcome:
+    """Test whether the mean over members of scores `[M]` is less than `level`; decided as `at_least` is."""
+
+    def decide(low: float, high: float) -> Verdict:
+        if high < level:
+            return Verdict.HOLDS
+        return Verdict.DOES_NOT_HOLD if low >= level else Verdict.NOT_DECIDED
+
+    return _by_interval(f"95 % interval below {level:g}", np.asarray(scores, dtype=float), decide)
+
+
+def everywhere(each: Sequence[Outcome], mean: Outcome) -> Outcome:
+    """Test whether a claim holds in each of several settings, with the effect of their `mean` to show.
+
+    The verdict is the conjunction of `each`. The largest of the p values is one of the whole (an intersection-union
+    test); the smallest opposite one is not corrected for the number of settings.
+    """
+    p = [outcome.p for outcome in each if outcome.p is not None]
+    opposite = [outcome.p_opposite for outcome in each if outcome.p_opposite is not None]
+    complete = len(each) > 0 and len(p) == len(opposite) == len(each)
+    return replace(
+        mean,
+        verdict=conjunction([outcome.verdict for outcome in each]) if each else Verdict.NOT_DECIDED,
+        p=max(p) if complete else None,
+        p_opposite=min(opposite) if complete else None,
+    )
+
+
+def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
+    """95 % bootstrap interval (BCa) over members of the mean of `values` `[M]`; a point where all are equal."""
+    sample = np.asarray(values, dtype=float)
+    if np.ptp(sample) == 0:
+        return float(sample[0]), float(sample[0])
+    result = stats.bootstrap((sample,), np.mean, method="BCa", rng=np.random.default_rng(seed))
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+
+
+def verdict(p: float, p_opposite: float) -> Verdict:
+    """Decide from the two one-sided p values."""
+    if p < LEVEL:
+        return Verdict.HOLDS
+    return Verdict.DOES_NOT_HOLD if p_opposite < LEVEL else Verdict.NOT_DECIDED
+
+
+def equivalence(low: float, high: float, margin: float) -> Verdict:
+    """Decide from the interval of a difference whether two settings are the same up to `margin`.
+
+    They are when the interval lies within the margin to both sides; they are not when it leaves out zero and reaches
+    beyond the margin.
+    """
+    if -margin <= low and high <= margin:
+        return Verdict.HOLDS
+    return Verdict.DOES_NOT_HOLD if low > 0 or high < 0 else Verdict.NOT_DECIDED
+
+
+def conjunction(verdicts: Sequence[Verdict]) -> Verdict:
+    """A claim of several parts holds when all do, and does not hold when one does not."""
+    if Verdict.DOES_NOT_HOLD in verdicts:
+        return Verdict.DOES_NOT_HOLD
+    return Verdict.NOT_DECIDED if Verdict.NOT_DECIDED in verdicts else Verdict.HOLDS
+
+
+def undecided(test: str, members: int, note: str, effect: float | None = None) -> Outcome:
+    """The outcome of a test that could not be made."""
+    return Outcome(test, members, Verdict.NOT_DECIDED, effect, note=note)
+
+
+def _signed_rank(difference: Scores, order: Order, statistic: Statistic) -> Outcome:
+    test = "Wilcoxon signed-rank"
+    if problem := _problem(difference):
+        return undecided(test, len(difference), problem, _center(difference, statistic))
+    if not difference.any():
+        return undecided(test, len(difference), "all differences are zero", 0.0)
+    less, greater = _signed_rank_p(difference)
+    p, p_opposite = (less, greater) if order == "lower" else (greater, less)
+    return _directed(test, difference, statistic, p, p_opposite)
+
+
+def _directed(test: str, difference: Scores, statistic: Statistic, p: float, p_opposite: float) -> Outcome:
+    """The outcome of a test of a direction; its interval is bootstrapped, or exact where the effect is a median."""
+    low: float | None
+    high: float | None
+    if statistic == "mean":
+        low, high = interval(difference)
+    else:
+        ends = np.asarray(stats.quantile_test(difference, p=0.5).confidence_interval(0.95))
+        low, high = (float(end) if np.isfinite(end) else None for end in ends)
+    note = "" if low is not None else "fewer than 6 members have no 95 % interval of a median"
+    effect = _center(difference, statistic)
+    return Outcome(test, len(difference), verdict(p, p_opposite), effect, low, high, p, p_opposite, note)
+
+
+def _signed_rank_p(difference: Scores) -> tuple[float, float]:
+    """Exact one-sided p values, "less" and "greater", of differences `[M]`: zeros are left out, ties share their rank.
+
+    Shares of a few runs tie often; SciPy then takes a normal approximation, by which 4 differences of one sign among 21
+    zeros would be significant, though the exact p is 1/16.
+    """
+    nonzero = difference[difference != 0]
+    ranks = np.round(2 * stats.rankdata(np.abs(nonzero))).astype(int)  # doubled, so that shared ranks are whole
+    chances = np.ones(1)  # of each sum of the ranks of positive differences, when every sign is a toss of a coin
+    for rank in ranks:
+        chances = (np.pad(chances, (0, rank)) + np.pad(chances, (rank, 0))) / 2
+    positive = int(ranks[nonzero > 0].sum())
+    less, greater = chances[: positive + 1].sum(), chances[positive:].sum()
+    return min(float(less), 1.0), min(float(greater), 1.0)
+
+
+def _by_interval(test: str, scores: Scores, decide: Callable[[float, float], Verdict]) -> Outcome:
+    if problem := _problem(scores):
+        return undecided(test, len(scores), problem, _center(scores, "mean"))
+    low, high = interval(scores)
+    return Outcome(test, len(scores), decide(low, high), _center(scores, "mean"), low, high)
+
+
+def _problem(scores: Scores) -> str:
+    """Why scores `[M, ...]` cannot be tested; empty where they can."""
+    bad = sum(not np.isfinite(row).all() for row in scores)
+    if bad:
+        return f"{bad} of {len(scores)} members lack a finite score"
+    return f"needs at least {MIN_MEMBERS} members" if len(scores) < MIN_MEMBERS else ""
+
+
+def _center(values: Scores, statistic: Statistic) -> float | None:
+    """Mean or median, or None where it is not a finite number."""
+    if not len(values) or not np.isfinite(values).all():
+        return None
+    return float(np.mean(values) if statistic == "mean" else np.median(values))

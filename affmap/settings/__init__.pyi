@@ -1,0 +1,17 @@
+from .base import Settings as Settings
+from .base import folder as folder
+from .base import read as read
+from .messages import ConfigError as ConfigError
+from .types import NAME as NAME
+from .types import Count as Count
+from .types import CountOrNone as CountOrNone
+from .types import Folder as Folder
+from .types import Line as Line
+from .types import Name as Name
+from .types import NonNegative as NonNegative
+from .types import Number as Number
+from .types import Positive as Positive
+from .types import Seed as Seed
+from .types import Share as Share
+from .types import check_folder as check_folder
+from .types import check_line as check_line

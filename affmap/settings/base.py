@@ -1,0 +1,80 @@
+"""The base class of everything configured, and the loader of `conf/`.
+
+A subclass of `Settings` is a configuration file with types: its fields are the keys of the file, and it has no
+defaults, so that a value stands in exactly one place, in `conf/`. It knows nothing of Hydra.
+"""
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from affmap.settings.messages import ConfigError, one_line, sentences, shown
+from affmap.settings.types import NAME
+
+
+class Settings(BaseModel):
+    """Frozen, typed settings; unknown keys, NaN and infinities are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+    @classmethod
+    def load(cls, group: str, name: str, **changes: Any) -> Self:
+        """Settings of `conf/<group>/<name>.yaml`, with some values replaced by `changes`.
+
+        Raises:
+            ConfigError: there is no such file, or a value is not allowed.
+        """
+        return cls.checked({**read(group, name), **changes}, origin=f"conf/{group}/{name}.yaml")
+
+    @classmethod
+    def checked(cls, values: Mapping[str, Any], origin: str, origins: Mapping[str, str] | None = None) -> Self:
+        """Settings from plain values.
+
+        Args:
+            values: the settings' keys and values.
+            origin: where the values come from, named in an error.
+            origins: the same for single keys that come from elsewhere.
+
+        Raises:
+            ConfigError: one sentence for each value that is not allowed.
+        """
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            found = error.errors(include_url=False)
+            raise ConfigError(sentences(found, values, origin, origins or {})) from None
+
+
+def folder() -> Path:
+    """The configuration folder: inside an installed package, or at the top of a checkout."""
+    package = Path(__file__).parents[1]
+    inside = package / "conf"
+    return inside if inside.is_dir() else package.parent / "conf"
+
+
+@cache
+def read(group: str, name: str) -> dict[str, Any]:
+    """The plain content of `conf/<group>/<name>.yaml`.
+
+    Raises:
+        ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is not
+            plain YAML.
+    """
+    path = folder() / group / f"{name}.yaml"
+    known = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
+    if not re.fullmatch(NAME, name):
+        raise ConfigError(f"{shown(name)} cannot be the name of a file; conf/{group} holds: {known}.")
+    if not path.is_file():
+        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {known}.")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"conf/{group}/{name}.yaml is not plain YAML: {one_line(str(error))}.") from None
+    if not isinstance(content, dict):
+        raise ConfigError(f"conf/{group}/{name}.yaml holds {shown(content)}; it should hold `key: value` lines.")
+    return content

@@ -1,0 +1,86 @@
+"""Types of values in settings: numbers with limits, names that are safe in paths, lines of text, folders."""
+
+import unicodedata
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
+"""Names that are safe in a path on every system."""
+
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Limits of what is measured. No length, mass, time, rate or weight of an experiment comes near them in any unit, and
+single precision can still square and divide what lies between them."""
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, bool):  # which Python counts among the numbers
+        raise ValueError("should be a number, not true or false")
+    return value
+
+
+def _not_huge(value: float) -> float:
+    if abs(value) > LARGEST:
+        raise ValueError(f"should be between {-LARGEST:g} and {LARGEST:g}")
+    return value + 0.0  # one zero: -0.0 would be another configuration
+
+
+def _not_tiny(value: float) -> float:
+    if 0 < abs(value) < SMALLEST:
+        raise ValueError(f"should be at least {SMALLEST:g}")
+    return value
+
+
+def check_line(text: str) -> str:
+    """A text for people to read, as it came.
+
+    Raises:
+        ValueError: it has characters that end its line, control a terminal or turn the direction of what follows.
+    """
+    wrong = [
+        c
+        for c in text
+        if unicodedata.category(c) in {"Cc", "Cs", "Zl", "Zp"}
+        or unicodedata.bidirectional(c) in {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
+    ]
+    if wrong:
+        raise ValueError(f"should be a line of text, without characters such as {wrong[0]!r} that do not print")
+    return text
+
+
+def check_folder(path: Path) -> Path:
+    """The path of a folder, as it came.
+
+    Raises:
+        ValueError: it cannot be written to, or does not end in a name (which copies of the folder are called by).
+    """
+    check_line(str(path))
+    if path.name in ("", ".."):
+        raise ValueError("should be the path of a folder and end in its name")
+    if max(len(part.encode()) for part in path.parts) > 255 or len(str(path).encode()) > 3000:
+        raise ValueError("should be shorter: systems allow 255 bytes for a name and 4096 for a path")
+    return path
+
+
+Number = Annotated[float, BeforeValidator(_number), AfterValidator(_not_huge)]
+"""A number, such as a coordinate."""
+Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
+"""A measure that cannot be 0."""
+NonNegative = Annotated[Number, Field(ge=0)]
+"""A measure, or 0 where something is not there."""
+Share = Annotated[Number, Field(ge=0, le=1)]
+"""A part of the whole."""
+
+Count = Annotated[int, BeforeValidator(_number), Field(gt=0, le=10**6)]
+"""How many there are of something: a million at most, a thousand times what takes days."""
+CountOrNone = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**6)]
+"""The same, or 0."""
+Seed = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**18)]
+"""What random numbers are derived from: it must fit 64 bits, also after a member's number has been added to it."""
+
+Line = Annotated[str, Field(strict=True, min_length=1, max_length=500), AfterValidator(check_line)]
+"""A text on one line."""
+Name = Annotated[str, Field(strict=True, pattern=NAME)]
+"""The name of something that has a file or folder of its own."""
+Folder = Annotated[Path, AfterValidator(check_folder)]

@@ -1,0 +1,2 @@
+from .module import TrainingModule as TrainingModule
+from .settings import TrainingSettings as TrainingSettings

@@ -1,0 +1,611 @@
+"""The commands at the tiniest scale: complete, resumable, brief where all is done, clear in errors."""
+
+import json
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+import yaml
+from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, line
+
+import affmap.pipeline.job
+from affmap import pipeline
+from affmap.config.sweep import Sweep
+from affmap.env import Layout
+from affmap.env.procedural import Procedural
+from affmap.model.lookup import AffordanceMap, ExactLookup
+from affmap.model.stack import Stack
+from affmap.model.weights import restore
+from affmap.pipeline.completed import completed
+from affmap.pipeline.train import TRAIN
+from affmap.random import generator
+from affmap.results.files import Job
+from affmap.results.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
+from affmap.settings import ConfigError
+from affmap.store.store import Store
+
+SWEEP = ["planner=cem", "model.context_size=0,1"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """`run` sets the number of threads of its process."""
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+
+
+def found(folder: Path, *overrides: str) -> Job:
+    """The one job of a command line, complete."""
+    (config,) = jobs(folder, *overrides)
+    job = pipeline.find(config)
+    assert job is not None
+    return job
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep of two context sizes, as the console script leaves it."""
+    folder = tmp_path_factory.mktemp("swept")
+    result = command(folder, *SWEEP)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "Traceback" not in result.stdout + result.stderr and "Warning" not in result.stdout + result.stderr
+    for told in ("exploration of original: 4 sequences", "training of 2 members", "control", "complete"):
+        assert told in result.stdout
+    return folder
+
+
+def test_a_sweep_completes_every_stage_once(swept: Path) -> None:
+    """One data set, two of everything else; every folder whole, nothing half-made, nothing written elsewhere."""
+    counts = {"data": 1, "train": 2, "map": 2, "control": 2}
+    assert {path.name for path in (swept / "store").iterdir()} == set(counts)
+    for stage, count in counts.items():
+        folders = [path for path in (swept / "store" / stage).iterdir() if path.suffix != ".lock"]
+        assert len(folders) == count
+        for folder in folders:
+            record = json.loads((folder / "provenance.json").read_text())
+            assert record["digest"] == folder.name and record["stage"] == stage
+            assert record["command"].startswith("affmap ")
+    assert {path.name for path in swept.iterdir()} == {"store", "output"}
+
+
+def test_hydra_ran_the_jobs_that_were_checked(swept: Path) -> None:
+    """Hydra's own record of the overrides of each job, against our expansion."""
+    found = [yaml.safe_load(path.read_text()) for path in (swept / "output").rglob(".hydra/overrides.yaml")]
+    expected = [[*line(swept)[:-4], *line(swept)[-3:], "planner=cem", f"model.context_size={c}"] for c in (0, 1)]
+    assert sorted(found) == sorted(expected)
+    assert [config.model.context_size for config in jobs(swept, *SWEEP)] == [0, 1]
+    logs = [path.read_text() for path in (swept / "output").rglob("affmap.log")]
+    assert len(logs) == 2 and all("complete" in text for text in logs)
+
+
+def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
+    """Columns of the report's own list, a row for each run; arrays in the shapes that it documents."""
+    results = Results(tuple(job for config in jobs(swept, *SWEEP) if (job := pipeline.find(config))))
+    assert list(results.runs.columns) == RUN_COLUMNS
+    rows = results.runs[["context_size", "planner", "member", "run"]].to_numpy().tolist()
+    assert rows == [[c, "cem", m, r] for c in (0, 1) for m in (0, 1) for r in range(4)]
+    assert set(results.validation.columns) == {"layout", "context_size", *VALIDATION_COLUMNS}
+    assert len(results.validation) == 2 * 2 * 2
+    job = results.job(1, "cem", "original")
+    assert job is not None
+    trajectories = results.trajectories(job)
+    assert trajectories.in_fog.shape == trajectories.reached.shape == (8, 3)
+    assert trajectories.position.shape == (8, 4, 2) and trajectories.planned_position.shape == (8, 3, 20, 2)
+    layout = Layout.load("layout", "original")
+    for (start, goal), number in zip(
+        zip(trajectories.position[:, 0], trajectories.goal, strict=True), trajectories.run, strict=True
+    ):
+        for place, corner in ((start, number), (goal, 3 - number)):
+            low, high = layout.corner(int(corner))
+            assert (place >= low - 1e-6).all() and (place <= high + 1e-6).all()
+    maps = results.maps("original")[1]
+    assert maps.codes.shape == (2, 9, 13, 1) and maps.member.tolist() == [0, 1] and maps.snapshots == {}
+    assert results.exploration.counts.shape == (1, 20, 30) and results.exploration.counts.sum() == 4 * 21
+    assert len(results.worlds(job)) == 8 and set(results.worlds(job)) == {results.map_world(job)}
+    assert results.training_worlds(job) == [results.map_world(job)]
+    assert results.runs["crossable"].all() and not results.runs["steps_in_fog"].any()
+
+
+def test_running_it_again_changes_nothing(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every file the same, to the nanosecond; one line says so. In another order, and one setting alone, too."""
+    before = contents(swept)
+    monkeypatch.chdir(swept)
+    for overrides, count in (
+        (SWEEP, 2),
+        ([SWEEP[0], "model.context_size=1,0", "threads=2"], 2),
+        (["model.context_size=1"], 1),
+    ):
+        assert in_process(monkeypatch, "affmap", line(swept, *overrides)) == 0
+        assert capsys.readouterr().out == f"single: {count} of {count} settings are complete.\n"
+    assert contents(swept) == before
+
+
+def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
+    """The tables and weights of all jobs, and where they lie in the store."""
+    found = []
+    for config in jobs(folder, *overrides):
+        job = pipeline.find(config)
+        assert job is not None
+        for path in (
+            job.control[0] / "runs.csv",
+            job.train[0] / "validation.csv",
+            job.train[0] / "weights.safetensors",
+        ):
+            found.append((str(path.relative_to(folder)), path.read_bytes()))
+    return found
+
+
+def kill(folder: Path, *overrides: str) -> None:
+    """Start a sweep and kill it outright in the middle of its first training, or else soon after."""
+    process = subprocess.Popen(
+        [COMMAND, *line(folder, *overrides)], cwd=folder, env=ENVIRONMENT, stdout=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 100
+    store = folder / "store"
+    while not [*store.glob("train/*/last.ckpt"), *store.glob("map")] and time.monotonic() < deadline:
+        assert process.poll() is None, "the sweep ended before it could be killed"
+        time.sleep(0.002)
+    process.kill()
+    process.wait()
+
+
+def test_a_sweep_that_was_killed_and_goes_on_with_two_workers_ends_with_the_same_tables(
+    swept: Path, tmp_path: Path
+) -> None:
+    """The undisturbed sweep of one worker, byte by byte."""
+    kill(tmp_path, *SWEEP)
+    assert not any(pipeline.find(config) for config in jobs(tmp_path, *SWEEP))
+    result = command(tmp_path, *SWEEP, "hydra.launcher.n_jobs=2")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert tables(tmp_path, *SWEEP) == tables(swept, *SWEEP)
+    assert not list((tmp_path / "store").glob("*/*.partial"))
+
+
+def test_a_single_setting_shares_what_a_sweep_has_made(swept: Path) -> None:
+    """The gradient planner on the sweep's models: only control is new; the same in this process, from a fresh store."""
+    before = contents(swept / "store")
+    overrides = ["planner=gradient", "model.context_size=1"]
+    result = command(swept, *overrides)
+    assert result.returncode == 0, result.stdout + result.stderr
+    after = contents(swept / "store")
+    assert {name: after[name] for name in before} == before
+    assert {Path(name).parts[0] for name in set(after) - set(before)} == {"control"}
+    table = pd.read_csv(found(swept, *overrides).control[0] / "runs.csv")
+    assert set(table["planner"]) == {"gradient"} and set(table["context_size"]) == {1} and len(table) == 8
+
+
+def test_stages_do_not_depend_on_what_ran_before(swept: Path, tmp_path: Path) -> None:
+    """One setting of the sweep alone, called as a function in this process, against the sweep: byte by byte."""
+    (config,) = jobs(tmp_path, "planner=cem", "model.context_size=1")
+    job = pipeline.run(config)
+    assert tables(tmp_path, "model.context_size=1") == tables(swept, "model.context_size=1")
+    for name, folder in (("dataset.npz", *job.data), ("maps.npz", *job.map), ("trajectories.npz", *job.control)):
+        own = np.load(folder / name)
+        other = np.load(swept / folder.relative_to(tmp_path) / name)
+        assert set(own) == set(other)
+        for key in own:
+            np.testing.assert_array_equal(own[key], other[key], err_msg=key)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (["model.context_size=-1"], "conf/model/default.yaml or the command line: model.context_size = -1 is not"),
+        (["experiment=exp1", "members=0"], "conf/config.yaml or the command line: members = 0 is not allowed"),
+        (["planner=oracle"], "Could not find 'planner/oracle'"),
+        (["modle.context_size=3"], "Could not override 'modle.context_size'"),
+        (["experiment=exp1,lookups"], "experiment takes one name at a time"),
+        (["vehicle.radius=0.15"], "start_margin = 0.1 is too small for a vehicle of radius 0.15"),
+        (["data.num_validation=4"], "data: num_validation = 4 leaves nothing to train on"),
+    ],
+)
+def test_a_mistake_is_told_in_a_sentence_before_anything_is_made(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    overrides: list[str],
+    told: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for entry in ("affmap", "affmap-report", "affmap-publish") if "members=0" in overrides else ("affmap",):
+        assert in_process(monkeypatch, entry, line(tmp_path, *overrides)) == 2
+        captured = capsys.readouterr()
+        assert told in captured.err and "Traceback" not in captured.err and captured.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mistake_on_a_real_command_line(tmp_path: Path) -> None:
+    """Status 2, the sentence alone on the error stream, and no file."""
+    result = command(tmp_path, "control.beta=nan", "planner=cem,gradient")
+    assert result.returncode == 2 and result.stdout == ""
+    assert result.stderr == (
+        "conf/control/default.yaml or the command line: control.beta = nan is not allowed: "
+        "it should be a finite number.\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_reference_models_there_is_nothing_to_control(tmp_path: Path) -> None:
+    """`models=reference` never trains."""
+    (config,) = jobs(tmp_path, "models=reference")
+    with pytest.raises(ConfigError, match=r"reference holds no models of this configuration .* models=train"):
+        pipeline.run(config)
+    assert not list((tmp_path / "store").glob("train/*/weights.safetensors"))
+
+
+def test_reference_models_are_controlled_without_training(swept: Path, tmp_path: Path) -> None:
+    """The sweep's models put where the reference run's lie: the same runs as the sweep's, and no training."""
+    (config,) = jobs(tmp_path, "models=reference", "model.context_size=1")
+    (tmp_path / "reference").mkdir()
+    (tmp_path / "reference" / "train").symlink_to(swept / "store" / "train")
+    job = pipeline.run(config)
+    assert not (tmp_path / "store" / "train").exists() and (tmp_path / "reference") in job.train[0].parents
+    trained = found(swept, "model.context_size=1")
+    assert (job.control[0] / "runs.csv").read_bytes() == (trained.control[0] / "runs.csv").read_bytes()
+    assert job.control != trained.control
+
+
+TRIALS = ["training.transition_lr=[0.008,1e4,0.001]", "training.vision_lr=[0.001,0.002,0.003]", "model.context_size=1"]
+
+
+def test_trials_are_trained_and_validated_only(swept: Path, tmp_path: Path) -> None:
+    """Means over members by hand from the table, one for each trial, and NaN for the one that no training survives;
+    the first two stages, once."""
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "data").symlink_to(swept / "store" / "data")
+    (config,) = jobs(tmp_path, *TRIALS)
+    found = pipeline.validation(config)
+    table = pd.read_csv(tmp_path / "store" / "train" / TRAIN.of(config).digest / "validation.csv")
+    last = table[table["epoch"] == 2].pivot(index="trial", columns="member", values="validation_nll")
+    assert last.shape == (3, 2)
+    np.testing.assert_allclose(found, [last.loc[0].mean(), np.nan, last.loc[2].mean()])
+    assert np.isfinite(found).tolist() == [True, False, True]
+    before = contents(tmp_path / "store")
+    np.testing.assert_array_equal(pipeline.validation(config), found)
+    assert contents(tmp_path / "store") == before
+    assert {path.name for path in (tmp_path / "store").iterdir()} == {"data", "train"}
+
+
+def test_without_trials_there_is_one_validation(swept: Path) -> None:
+    """The sweep's table, by hand; nothing is made again."""
+    (config,) = jobs(swept, "planner=cem", "model.context_size=1")
+    before = contents(swept / "store")
+    table = pd.read_csv(found(swept, "planner=cem", "model.context_size=1").train[0] / "validation.csv")
+    np.testing.assert_allclose(pipeline.validation(config), [table.query("epoch == 2")["validation_nll"].mean()])
+    assert contents(swept / "store") == before
+
+
+def test_trials_are_not_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a function and as a command: a sentence, before anything is made."""
+    told = (
+        "training.vision_lr = [0.001, 0.002, 0.003] makes a training of 3 trials, which is validated only; "
+        "give numbers to paint maps and fly agents."
+    )
+    (config,) = jobs(tmp_path, *TRIALS)
+    with pytest.raises(ConfigError) as caught:
+        pipeline.run(config)
+    assert str(caught.value) == told
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap", line(tmp_path, *TRIALS)) == 2
+    assert capsys.readouterr().err == told + "\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_validation_takes_no_other_models_than_those_asked_for(tmp_path: Path) -> None:
+    """The reference run has none of these trials."""
+    (config,) = jobs(tmp_path, *TRIALS, "models=reference")
+    with pytest.raises(ConfigError, match="reference holds no models of this configuration"):
+        pipeline.validation(config)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
+    """Computed again from the trajectories, one member and run at a time, with a map and exact look-ups made anew."""
+    (config,) = jobs(swept, "planner=cem", "model.context_size=1")
+    job = found(swept, "planner=cem", "model.context_size=1")
+    table = pd.read_csv(job.control[0] / "runs.csv")
+    whole = restore(Stack(config.model, 1, config.seeds), job.train[0] / "weights.safetensors")
+    with np.load(job.control[0] / "trajectories.npz") as arrays:
+        positions = torch.from_numpy(arrays["position"])
+    painted = AffordanceMap.paint(whole, [config.control_layout.map], config.lookup.spacing)
+    exact = ExactLookup(whole, [config.control_layout.map])
+    for b, error in enumerate(table["lookup_error"]):
+        member = config.seeds.index(table["member"][b])
+        path = positions[b].expand(config.members, -1, -1)
+        expected = (painted(path) - exact(path))[member].abs().mean()
+        assert error == pytest.approx(expected.item(), abs=2e-6)
+    assert table["lookup_error"].nunique() > 2
+
+
+def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_settings_share(tmp_path: Path) -> None:
+    """Experiment V's worlds: eight different ones, drawn again from member and run, the same at each context size."""
+    four = "training_layouts=[training_obstacles,training_fog,training_force_up,training_force_down]"
+    overrides = [four, "control_layout=procedural_few_easy", "map_layout=four_properties"]
+    drawn = Procedural.load("layout", "procedural_few_easy")
+    expected = [drawn.draw(generator(member, "world", run)) for member in (0, 1) for run in range(4)]
+    for size in (0, 1):
+        (config,) = jobs(tmp_path, *overrides, f"model.context_size={size}")
+        job = pipeline.run(config)
+        flown = [Layout.checked(layout, "here") for layout in json.loads((job.control[0] / "layouts.json").read_text())]
+        assert flown == expected and len({layout.map for layout in flown}) == 8
+        results = Results((job,))
+        assert results.layouts == ["procedural_few_easy"] and results.map_world(job).name == "four_properties"
+        assert [world.name for world in results.training_worlds(job)] == [
+            layout.name for layout in config.training_layouts
+        ]
+        worlds = [[(c.x, c.y, c.radius, c.effect) for c in world.circles] for world in results.worlds(job)]
+        assert worlds == [[(*c.center, c.radius, c.effect) for c in layout.circles] for layout in expected]
+        assert results.exploration.counts.shape == (4, 20, 30)
+
+
+def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
+    """Experiment III brings its longer training along: maps of all snapshots, the last of which are the maps."""
+    overrides = ["experiment=exp3", "model.context_size=1", "world=three_looks"]
+    result = command(tmp_path, *overrides)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "exp3_growth: all 1 settings are complete" in result.stdout
+    asked = Sweep.read([*line(tmp_path), *overrides])
+    whole = completed(asked)
+    results = whole.results
+    assert whole.missing == "" and results.growth is not None and len(results.jobs) == 1
+    maps = results.growth_maps
+    assert maps is not None and maps.epochs.tolist() == [1, 2] and maps.codes.shape == (2, 9, 13, 8)
+    np.testing.assert_array_equal(maps.snapshots[2].codes, maps.codes)
+    assert np.abs(maps.snapshots[1].codes - maps.codes).max() > 0
+    assert np.abs(maps.snapshots[1].codes - maps.initial_codes).max() > 0
+    assert not results.maps()[1].snapshots  # of the experiment itself they are not wanted
+    assert asked.growth().first.output != asked.first.output  # which is for this experiment's report
+
+
+def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
+    """On request only: the two settings of three that are complete, and a sentence about the third."""
+    wanted = [*line(swept), "planner=cem", "model.context_size=0,1,3"]
+    part = completed(Sweep.read([*wanted, "report.partial=true"]))
+    assert [job.context_size for job in part.jobs] == [0, 1]
+    assert part.missing == "1 of 3 settings are not complete (model.context_size=3)"
+    with pytest.raises(ConfigError, match="1 of 3 settings are not complete"):
+        completed(Sweep.read(wanted))
+    with pytest.raises(ConfigError, match="1 of 1 settings are not complete"):
+        completed(Sweep.read([*wanted[:-1], "model.context_size=3", "report.partial=true"]))
+
+
+def test_one_factor_at_a_time(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A sweep over a key that reports do not tell apart: a table of its values on request, else a sentence."""
+    monkeypatch.chdir(tmp_path)
+    overrides = ["model.context_size=1", "control.beta=1,10", f"output={tmp_path / 'beta'}"]
+    for beta in (1, 10):
+        pipeline.run(jobs(swept, "model.context_size=1", f"control.beta={beta}")[0])
+    assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides]) == 2
+    assert "report.compare=<key> makes a table" in capsys.readouterr().err
+    assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides, "report.compare=control.beta"]) == 0
+    table = pd.read_csv(tmp_path / "beta/tables/control_beta.csv")
+    assert set(table["a"]) == {1} and set(table["b"]) == {10} and set(table["members"]) == {2}
+    assert (tmp_path / "beta/figures/control_beta.png").is_file()
+    for beta in (1, 10):
+        pipeline.run(jobs(swept, "model.context_size=1", f"control.beta={beta}", "planner.num_iterations=2")[0])
+    several = [*line(swept), *overrides, "planner.num_iterations=2,3", "report.compare=control.beta"]
+    assert in_process(monkeypatch, "affmap-report", several) == 2
+    assert "but planner.num_iterations differ, too; sweep over one key at a time" in capsys.readouterr().err
+    (tmp_path / "beta/provenance.json").write_text('{"code": "", "files": {}, "stages": []}')
+    again = [*line(swept), *overrides, "report.compare=control.beta"]
+    assert in_process(monkeypatch, "affmap-report", again) == 2
+    assert "holds a report; say output=runs/<name> for a comparison" in capsys.readouterr().err
+
+
+def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One of three settings was never run."""
+    before = contents(swept)
+    for entry in ("affmap-report", "affmap-publish"):
+        assert in_process(monkeypatch, entry, line(swept, "model.context_size=0,1,3")) == 2
+        assert (
+            "1 of 3 settings are not complete (model.context_size=3); run `affmap scale=smoke"
+            in capsys.readouterr().err
+        )
+    assert contents(swept) == before
+
+
+def test_losses_go_to_tensorboard_where_that_is_asked_for(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder for each training; stages of the same names and bytes as without."""
+    pytest.importorskip("tensorboard")
+    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *SWEEP), "logger=tensorboard"]) == 0
+    for name in ("validation.csv", "runs.csv", "weights.safetensors"):
+        found, expected = (
+            {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob(f"store/*/*/{name}")}
+            for folder in (tmp_path, swept)
+        )
+        assert len(found) == 2 and found == {each: expected[each] for each in found}, name  # others may have added some
+    boards = {path.name for path in (tmp_path / "output" / "tensorboard").iterdir()}
+    trained = {config.model.context_size: TRAIN.of(config).digest for config in jobs(tmp_path, *SWEEP)}
+    assert boards == {f"context{size}_{digest}" for size, digest in trained.items()}
+
+
+@pytest.mark.parametrize("asked", [SWEEP, ["search=training", "hydra.sweeper.num_trials=1"]], ids=["sweep", "search"])
+def test_a_missing_tensorboard_is_told_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str]
+) -> None:
+    """One sentence with the remedy."""
+    monkeypatch.setattr(affmap.pipeline.job, "find_spec", lambda name: None)
+    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), "logger=tensorboard"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "pip install 'affmap[tensorboard]'" in told and "logger=csv" in told
+    assert not list(tmp_path.rglob("*"))
+
+
+def test_publishing_keeps_report_and_models(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report of a few stand-in files: tables and pictures are kept, vector figures and logs are not; models are found
+    from then on with `models=reference`. Not kept: smoke runs, and reports of other results."""
+    output = tmp_path / "runs" / "exp"
+    names = ["report.pdf", "figures/one.png", "figures/one.pdf", "tables/runs.csv"]
+    for name in (*names, "jobs/a/affmap.log", "tensorboard/a/events.out.tfevents.1"):
+        (output / name).parent.mkdir(parents=True, exist_ok=True)
+        (output / name).write_text(name)
+    kept = tmp_path / "runs" / "reference"
+    places = [f"output={output}", f"reference={kept / 'store'}", *SWEEP]
+    assert in_process(monkeypatch, "affmap-publish", [*line(swept)[:10], f"store={swept / 'store'}", *places]) == 2
+    assert "SMOKE RUN" in capsys.readouterr().err and not kept.exists()
+    places.append("notice=null")
+    arguments = [*line(swept)[:10], f"store={swept / 'store'}", *places]
+    assert in_process(monkeypatch, "affmap-publish", arguments) == 2
+    assert "holds no report of these results" in capsys.readouterr().err and not kept.exists()
+    used = {stage.digest for config in jobs(swept, *SWEEP) for stage in pipeline.stages(config)}
+    (output / "provenance.json").write_text(
+        json.dumps({"code": "", "files": {}, "stages": [{"digest": digest} for digest in used]})
+    )
+    for _ in range(2):  # the second time replaces the first
+        assert in_process(monkeypatch, "affmap-publish", arguments) == 0
+    capsys.readouterr()
+    files = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
+    assert {name for name in files if name.startswith("exp/")} == {
+        "exp/provenance.json",
+        "exp/report.pdf",
+        "exp/figures/one.png",
+        "exp/tables/runs.csv",
+    }
+    for config in jobs(swept, *SWEEP):
+        folder = f"store/train/{TRAIN.of(config).digest}"
+        for name in ("weights.safetensors", "validation.csv"):
+            assert (kept / folder / name).read_bytes() == (swept / folder / name).read_bytes()
+        assert Store(kept / "store").find(TRAIN.of(config)) == kept / folder
+    assert len(files) == 4 + 2 * 3
+
+
+def test_a_report_of_other_results_is_not_replaced(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By hand: the provenance of a report names one stage that is not of this sweep; nothing is run or drawn."""
+    output = swept / "taken"
+    output.mkdir()
+    (output / "provenance.json").write_text(json.dumps({"code": "", "files": {}, "stages": [{"digest": "another"}]}))
+    for entry in ("affmap", "affmap-report"):
+        assert in_process(monkeypatch, entry, [*line(swept, *SWEEP), f"output={output}"]) == 2
+        assert "holds the report of other results" in capsys.readouterr().err
+    assert [path.name for path in output.iterdir()] == ["provenance.json"]
+
+
+def test_a_report_and_all_that_it_comes_from_can_be_checked(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whole; then a table changed, a stage damaged, and what is asked about is more than was run: each is told."""
+    folder = tmp_path / "checked"
+    shutil.copytree(swept, folder)
+    arguments = line(folder, *SWEEP)
+    assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 1
+    assert capsys.readouterr().err == f"{folder / 'output'} holds no report.\n"
+    assert in_process(monkeypatch, "affmap-report", arguments) == 0
+    capsys.readouterr()
+    assert in_process(monkeypatch, "affmap-report", [*arguments, "--check"]) == 0
+    assert (
+        capsys.readouterr().out == f"7 stages and the report in {folder / 'output'}: every file is as it was written.\n"
+    )
+    table = folder / "output/tables/runs.csv"
+    table.write_text(table.read_text().replace("0.", "1.", 1))
+    weights = found(folder, "model.context_size=1").train[0] / "weights.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-1])
+    more = [each.replace("=0,1", "=0,1,2") for each in arguments]
+    assert in_process(monkeypatch, "affmap-report", ["--check", *more]) == 1
+    told = capsys.readouterr().err
+    assert f"{table} is not as it was written." in told and f"{weights} is damaged; remove the folder" in told
+    assert told.count(" is missing.") == 3  # the third setting's training, maps and control
+
+
+@pytest.mark.parametrize("entry", ["affmap-report", "affmap-publish"])
+def test_flags_are_not_swallowed(
+    entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert in_process(monkeypatch, entry, ["experiment=exp1", "--force"]) == 2
+    assert "--force is not known here" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--help"], "planner: cem, gradient"),
+        (["experiment=exp1", "model.context_size=3", "--cfg", "job"], "context_size: 3"),
+    ],
+)
+def test_hydra_s_own_flags(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    told: str,
+) -> None:
+    """What every Hydra application offers; nothing is run."""
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap", arguments) == 0
+    assert told in capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("entry", ["affmap-status", "affmap-report", "affmap-publish"])
+def test_every_command_has_help(
+    entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert in_process(monkeypatch, entry, ["--help"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith(f"`{entry}`: ") and "It takes Hydra overrides, such as experiment=exp1" in told
+
+
+def test_a_configuration_that_cannot_be_run_is_not_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert in_process(monkeypatch, "affmap", ["members=-1", "--cfg", "job"]) == 2
+    captured = capsys.readouterr()
+    assert "members = -1 is not allowed" in captured.err and captured.out == ""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_in_the_middle_of_a_library_is_no_mistake(number: signal.Signals, status: int) -> None:
+    """One that stumbles while it is interrupted raises an error of its own, which `compose` would report as Hydra's."""
+    program = f"""
+import os, signal
+from affmap.cli import app
+from affmap.config import compose
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # where it is ignored from outside
+
+def body(arguments):
+    with compose.hydra_errors():
+        try:
+            os.kill(os.getpid(), {int(number)})
+        finally:
+            raise AttributeError("stumbled")
+
+app.command(body)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (status, "") and ended.stderr.startswith("Stopped")
+
+
+def test_output_that_nobody_reads_is_no_mistake() -> None:
+    """`head -1` closes the pipe after a line."""
+    program = """
+from affmap.cli import app
+
+app.command(lambda _: [print(line, flush=True) for line in range(100_000)])
+"""
+    shell = f"{shlex.join([sys.executable, '-c', program])} | head -1"
+    ended = subprocess.run(shell, shell=True, capture_output=True, text=True, check=False)
+    assert (ended.stdout, ended.stderr) == ("0\n", "")

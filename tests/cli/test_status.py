@@ -1,0 +1,177 @@
+"""How a sweep stands: against states made by hand, and against real sweeps in which a job fails."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from commands import command, in_process, line
+
+from affmap.cli.status import duration, summary, table
+from affmap.config import sweep
+from affmap.config.sweep import Sweep
+from affmap.pipeline import train
+from affmap.pipeline.status import JobStatus, StageStatus, failures
+from affmap.store.store import State
+
+DATA = StageStatus("data", "a", State("complete", 10.0))
+TRAIN = StageStatus("train", "b", State("complete", 100.0))
+OTHER = StageStatus("train", "c", State("complete", 200.0))
+HALF = StageStatus("train", "d", State("running", 30.0, 10, 50))
+FAILED = StageStatus("train", "e", State("failed", 40.0, 5, 50, "ValueError: no luck", "/logs/e/affmap.log"))
+MAP = StageStatus("map", "f", State("missing"))
+FOUND = [
+    JobStatus("size=0", (DATA, TRAIN)),
+    JobStatus("size=1", (DATA, OTHER)),
+    JobStatus("size=2", (DATA, HALF)),
+    JobStatus("size=3", (DATA, FAILED)),
+    JobStatus("size=4", (DATA, StageStatus("train", "g", State("missing")))),
+]
+
+
+def cells(found: list[JobStatus]) -> list[tuple[str, ...]]:
+    drawn = table(found)
+    columns = [[str(cell) for cell in column.cells] for column in drawn.columns]
+    return list(zip(*columns, strict=True))
+
+
+def test_each_setting_has_a_row() -> None:
+    """By hand: 30 s for 10 of 50 epochs leave 120 s; one that has not begun takes the mean of those complete, 150 s."""
+    assert cells(FOUND) == [
+        ("size=0", "complete", "", "1:50", ""),
+        ("size=1", "complete", "", "3:30", ""),
+        ("size=2", "running", "train 10/50", "0:40", "2:00"),
+        ("size=3", "failed", "train 5/50", "0:50", "6:00"),
+        ("size=4", "missing", "train", "0:10", "2:30"),
+    ]
+
+
+def test_what_is_shared_counts_once_in_the_sum() -> None:
+    """10 + 100 + 200 + 30 + 40 s; 120 + 360 + 150 s."""
+    assert summary(FOUND) == (
+        "2 of 5 settings complete, 1 running, 1 failed, 1 missing; 6:20 spent, 10:30 left, one job at a time"
+    )
+    assert summary(FOUND[:2]) == "2 of 2 settings complete; 5:10 spent"
+
+
+def test_what_nothing_tells_is_not_guessed() -> None:
+    """No map has been made yet."""
+    assert cells([JobStatus("size=0", (DATA, TRAIN, MAP))]) == [("size=0", "missing", "map", "1:50", "?")]
+    assert summary([JobStatus("size=0", (MAP,))]).endswith("0:00 spent, ? left, one job at a time")
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(0.4, "0:00"), (59.6, "1:00"), (3599, "59:59"), (36000, "10:00:00")])
+def test_durations(seconds: float, told: str) -> None:
+    assert duration(seconds) == told
+
+
+def test_failures_have_their_reason_and_their_log() -> None:
+    damaged = JobStatus("size=5", (StageStatus("data", "h", State("damaged", error="x is damaged; remove it")),))
+    assert failures([*FOUND, damaged]) == [
+        "size=2: another job works on it",
+        "size=3: ValueError: no luck\n    log: /logs/e/affmap.log",
+        "size=4: it was not begun",
+        "size=5: x is damaged; remove it",
+    ]
+
+
+@pytest.fixture(scope="module")
+def failing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A real sweep of three, two at a time, the first of which cannot be trained: a folder stands in its way."""
+    folder = tmp_path_factory.mktemp("failing")
+    overrides = ["model.context_size=0,1,2", "hydra.launcher.n_jobs=2"]
+    stage = train.TRAIN.of(Sweep.read([*line(folder), *overrides]).configs[0])
+    (folder / "store/train" / f"{stage.digest}.partial" / "unfinished/checkpoint.tmp").mkdir(parents=True)
+    result = command(folder, *overrides)
+    (folder / "said.txt").write_text(result.stderr)
+    assert result.returncode == 1 and "Traceback" not in result.stderr, result.stderr
+    return folder
+
+
+def test_a_failed_job_does_not_stop_the_others_and_is_named_at_the_end(failing: Path) -> None:
+    """Status 1 (above), the setting and what to do; its own log has the traceback, the others' are of success."""
+    said = (failing / "said.txt").read_text()
+    log = "output/jobs/0_context0_cem/affmap.log"
+    assert re.search(rf"1 of 3 settings are not complete:\nmodel.context_size=0: \w+Error: .*\n    log: {log}\n", said)
+    assert "the same command goes on where this one stopped." in said
+    logs = {path.parent.name: path.read_text() for path in failing.rglob("affmap.log")}
+    assert len(logs) == 3
+    assert "Traceback" in logs["0_context0_cem"] and "checkpoint.tmp" in logs["0_context0_cem"]
+    for name in ("1_context1_cem", "2_context2_cem"):
+        assert logs[name].endswith("complete\n") and "Traceback" not in logs[name]
+
+
+def test_the_status_of_a_folder_is_that_of_its_sweep(
+    failing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the folder, of the overrides, and of all that is in `runs`: the same rows; nothing is written."""
+    before = sorted(failing.rglob("*"))
+    overrides = [*line(failing), "model.context_size=0,1,2"]
+    (failing / "runs").symlink_to(failing)
+    monkeypatch.chdir(failing)
+    for arguments in ([str(failing / "output")], overrides, []):
+        assert in_process(monkeypatch, "affmap-status", arguments) == 0
+        captured = capsys.readouterr()
+        rows = [row.split() for row in captured.out.splitlines() if row.strip().startswith("model.context_size")]
+        assert rows.pop()[:2] == ["model.context_size=0:", "IsADirectoryError:"]
+        assert [row[:2] for row in rows] == [
+            ["model.context_size=0", "failed"],
+            ["model.context_size=1", "complete"],
+            ["model.context_size=2", "complete"],
+        ]
+        assert "2 of 3 settings complete, 1 failed; 0:" in captured.out and captured.err == ""
+    (failing / "runs").unlink()
+    assert sorted(failing.rglob("*")) == before
+
+
+def test_a_sweep_that_cannot_be_read_does_not_hide_the_others(
+    failing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A key was renamed since; trials were edited: each is named, and what can be told is."""
+    older, edited = failing / "older", failing / "edited"
+    sweep.note(older, ["training.old_name=3"])
+    sweep.note(edited, [*line(failing), "search=cem", f"output={edited}"])
+    (edited / "jobs/trials.jsonl").write_text("[]\n")
+    folders = [str(folder) for folder in (older, edited, failing / "output")]
+    assert in_process(monkeypatch, "affmap-status", folders) == 2
+    captured = capsys.readouterr()
+    assert f"{older}: " in captured.err and "old_name" in captured.err
+    assert f"{edited / 'jobs/trials.jsonl'} is damaged" in captured.err
+    assert "2 of 3 settings complete, 1 failed" in captured.out
+    shutil.rmtree(older)
+    shutil.rmtree(edited)
+
+
+def test_of_many_settings_only_those_are_listed_that_need_a_look() -> None:
+    """59 complete ones, one that failed."""
+    many = [JobStatus(f"seed={seed}", FOUND[0].parts) for seed in range(59)]
+    assert [row[:2] for row in cells([*many, FOUND[3]])] == [("size=3", "failed")]
+    assert len(cells(many[:50])) == 50
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["runs/nothing"], "runs/nothing/jobs/sweep.json does not say what was run"),
+        (["runs/nothing", "seed=3"], "takes either folders"),
+        (["--all"], "--all is not known here"),
+    ],
+)
+def test_a_mistake_is_told(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap-status", arguments) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_without_sweeps_there_is_nothing_to_tell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap-status", []) == 0
+    assert capsys.readouterr().out == "There is no sweep in runs; `affmap experiment=exp1` begins one.\n"

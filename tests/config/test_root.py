@@ -1,0 +1,504 @@
+"""The whole configuration: every file of conf/ is used, every bad value is named, stages depend on what they must."""
+
+import math
+import shutil
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from affmap.config import sweep
+from affmap.config.root import Config, label
+from affmap.env.procedural import Procedural
+from affmap.pipeline.collect import DATA
+from affmap.pipeline.control import CONTROL
+from affmap.pipeline.job import open_store
+from affmap.pipeline.paint import MAP
+from affmap.pipeline.train import TRAIN
+from affmap.planning.cem import CEMPlanner
+from affmap.planning.gradient import GradientPlanner
+from affmap.settings import ConfigError, folder, read
+from affmap.training.settings import TrainingSettings
+
+CONF = folder()
+GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout"))
+LAYOUTS = sorted(path.stem for path in (CONF / "layout").glob("*.yaml"))
+OPTIONS = [(group, path.stem) for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
+Values = dict[str, Any]
+
+
+def content(path: Path) -> Values:
+    values: Values = yaml.safe_load(path.read_text())
+    return values
+
+
+def by_hand(**options: str) -> Values:
+    """The YAML files put together without Hydra: the root, the default of each group (or `options`), globals last."""
+    root = content(CONF / "config.yaml")
+    entries: Values = {}
+    for entry in root.pop("defaults"):
+        entries.update({} if entry == "_self_" else entry)
+    del root["hydra"]
+    for group, option in entries.items():
+        if group.startswith("override ") or (group not in options and option is None):
+            continue
+        name = options.get(group, option)
+        path = CONF / group / f"{name}.yaml"
+        if "@package _global_" in path.read_text():
+            for key, value in content(path).items():
+                root[key] = {**root[key], **value} if isinstance(root.get(key), dict) else value
+        else:
+            root[group] = content(path)
+    root["output"] = root["output"].replace("${name}", root["name"])
+    root["training_layouts"] = [name.replace("${world}", root["world"]) for name in root["training_layouts"]]
+    for key in ("control_layout", "map_layout"):
+        root[key] = root[key].replace("${world}", root["world"])
+    return root
+
+
+def checked(values: Values, **changes: Any) -> Config:
+    """Settings from plain values; keys of changes with `__` for the dots."""
+    values = {key: dict(value) if isinstance(value, dict) else value for key, value in values.items()}
+    for key, value in changes.items():
+        *parents, last = key.split("__")
+        target = values
+        for parent in parents:
+            target = target[parent]
+        target[last] = value
+    return Config.checked(values, "the test")
+
+
+@cache
+def jobs(experiment: str, scale: str) -> list[Config]:
+    return sweep.jobs(sweep.complete([f"experiment={experiment}", f"scale={scale}"]))
+
+
+@pytest.fixture(scope="module")
+def values() -> Values:
+    return by_hand()
+
+
+def dump(config: Config) -> Values:
+    """Everything, also what digests leave out."""
+    fields = {key: getattr(config, key) for key in type(config).model_fields}
+    return {key: dict(value) if hasattr(value, "model_dump") else value for key, value in fields.items()}
+
+
+def test_the_default_is_what_the_files_say(values: Values) -> None:
+    """YAML read without Hydra, by hand."""
+    (config,) = sweep.jobs([])
+    assert dump(config) == dump(checked(values))
+
+
+def test_every_file_is_an_option_of_a_group_of_the_root() -> None:
+    """No file lies in conf/ that nothing can ever use, and every group is in the defaults."""
+    root = content(CONF / "config.yaml")["defaults"]
+    groups = {key.removeprefix("override ") for entry in root if isinstance(entry, dict) for key in entry}
+    assert {group for group in groups if not group.startswith("hydra/")} == set(GROUPS)
+    options = [*OPTIONS, *(("layout", name) for name in LAYOUTS)]  # layouts are chosen by name, not by Hydra
+    known = {CONF / "config.yaml", *(CONF / group / f"{option}.yaml" for group, option in options)}
+    assert {path for path in CONF.rglob("*.yaml") if "hydra" not in path.parts} == known
+    assert {str(path.relative_to(CONF / "hydra")) for path in CONF.glob("hydra/**/*.yaml")} == {
+        "hydra_logging/affmap.yaml",
+        "job_logging/affmap.yaml",
+        "launcher/slurm.yaml",  # tests/test_launchers.py
+    }
+
+
+@pytest.mark.parametrize(("group", "option"), [pair for pair in OPTIONS if pair[0] not in ("experiment", "search")])
+def test_every_option_of_every_group_can_be_used(group: str, option: str) -> None:
+    """Composed by Hydra, checked, and equal to the files put together by hand."""
+    (config,) = sweep.jobs([f"{group}={option}"])
+    assert dump(config) == dump(checked(by_hand(**{group: option})))
+
+
+@pytest.mark.parametrize("scale", [option for group, option in OPTIONS if group == "scale"])
+@pytest.mark.parametrize("experiment", [option for group, option in OPTIONS if group == "experiment"])
+def test_every_job_of_every_experiment_at_every_scale_can_be_used(experiment: str, scale: str) -> None:
+    """As many as the product of the sweep's values, all different; smoke runs say so and go elsewhere."""
+    found = jobs(experiment, scale)
+    swept = content(CONF / "experiment" / f"{experiment}.yaml")["sweep"]
+    assert len(found) == math.prod(len(str(value).split(",")) for value in swept.values())
+    assert len({CONTROL.of(job).digest for job in found}) == len(found)
+    for job in found:
+        assert job.name == experiment
+        assert (job.notice is None) == (scale == "full") == (job.output == Path("runs") / experiment)
+
+
+# One bad value (or more) for every kind of key; what the message must say of it.
+BAD: list[tuple[str, Any, str]] = [
+    ("seed", -1, "greater than or equal to 0"),
+    ("members", 0, "greater than 0"),
+    ("members", 2.5, "valid integer"),
+    ("members", "many", "valid integer"),
+    ("members", None, "valid integer"),
+    ("threads", 0, "greater than 0"),
+    ("models", "steal", "'train' or 'reference'"),
+    ("versions", "some", "'same' or 'any'"),
+    ("logger", "wandb", "'csv' or 'tensorboard'"),
+    ("name", 3, "valid string"),
+    ("notice", 3, "valid string"),
+    ("output", 3, "path"),
+    ("sweep", "planner", "valid dictionary"),
+    ("memebrs", 3, "not a known key"),
+    ("world", 3, "valid string"),
+    ("training_layouts", [], "names no layout"),
+    ("training_layouts", "original", "valid tuple"),
+    ("training_layouts", ["moon"], "does not exist"),
+    ("training_layouts", ["procedural_easy"], "which only control_layout may be"),
+    ("control_layout", "moon", "does not exist"),
+    ("control_layout", "fog", "a model sees the same ones everywhere"),
+    ("map_layout", "three_looks", "a model sees the same ones everywhere"),
+    ("objective", "fame", "'validation_nll', 'mean_distance' or 'success'"),
+    ("growth", 3, "valid string"),
+    ("vehicle.radius", -0.06, "greater than 0"),
+    ("vehicle.mass", math.nan, "finite number"),
+    ("vehicle.thrust", math.inf, "finite number"),
+    ("vehicle.damping", 40.0, "below 1 / time_step_s"),
+    ("vehicle.velocity_iterations", 0, "greater than 0"),
+    ("data.num_validation", 200, "leaves nothing to train on"),
+    ("data.num_sequences", 0, "greater than 0"),
+    ("data.num_steps", -300, "greater than 0"),
+    ("data.max_hold", 0, "greater than 0"),
+    ("data.binary_share", 1.01, "less than or equal to 1"),
+    ("data.seed", -1, "greater than or equal to 0"),
+    ("model.context_size", -1, "greater than or equal to 0"),
+    ("model.context_size", 1.5, "valid integer"),
+    ("model.context_size", "8 or so", "valid integer"),
+    ("model.hidden_size", 0, "greater than 0"),
+    ("model.delta_scale", 0.0, "greater than 0"),
+    ("model.contextsize", 8, "not a known key"),
+    ("training.num_epochs", 0, "greater than 0"),
+    ("training.batch_size", 0, "greater than 0"),
+    ("training.chunk_length", 0, "greater than 0"),
+    ("training.vision_lr", 0, "greater than 0"),
+    ("training.vision_lr", "fast", "valid number"),
+    ("training.vision_lr", None, "valid number"),
+    ("training.vision_lr", [], "training.vision_lr = [] is not allowed: it needs a number, or one for each trial."),
+    ("training.transition_lr", -0.008, "greater than 0"),
+    ("training.transition_lr", [0.1, math.inf], "transition_lr[1] = inf is not allowed: it should be a finite number"),
+    ("training.vision_max_norm", [0], "vision_max_norm[0] = 0 is not allowed: it should be greater than 0"),
+    ("training.transition_max_norm", 0.0, "greater than 0"),
+    ("training.vision_max_norm", math.nan, "finite number"),
+    ("training.adam_eps", 0.0, "greater than 0"),
+    ("training.snapshot_epochs", [0], "greater than 0"),
+    ("training.snapshot_epochs", 5, "valid tuple"),
+    ("training.accelerator", "abacus", "'cpu', 'gpu' or 'auto'"),
+    ("lookup.spacing", -0.1, "greater than or equal to 0"),
+    ("lookup.differentiable", "perhaps", "valid boolean"),
+    ("planner.kind", "oracle", "'cem' or 'gradient'"),
+    ("planner.horizon", 0, "greater than 0"),
+    ("planner.num_candidates", 0, "greater than 0"),
+    ("planner.num_elites", 51, "must not decrease"),
+    ("planner.num_kept", -1, "greater than or equal to 0"),
+    ("planner.num_iterations", 0, "greater than 0"),
+    ("planner.initial_mean", 1.1, "less than or equal to 1"),
+    ("planner.initial_variance", 0.0, "greater than 0"),
+    ("planner.momentum", 1, "less than 1"),
+    ("planner.learning_rate", 0.1, "not a known key"),
+    ("control.num_steps", 0, "greater than 0"),
+    ("control.runs_per_member", 0, "greater than 0"),
+    ("control.beta", -1.0, "greater than or equal to 0"),
+    ("control.goal_std_far", 0.0, "greater than 0"),
+    ("control.goal_std_near", math.nan, "finite number"),
+    ("control.near_distance", -0.5, "greater than 0"),
+    ("control.goal_radius", 0.0, "greater than 0"),
+    ("control.device", "tpu", "pattern"),
+    ("report.map_spacing", 0.0, "greater than 0"),
+    ("report.snapshots", "some", "valid boolean"),
+    ("report.partial", "some", "valid boolean"),
+    ("report.compare", 3, "valid string"),
+    ("report.claims", "exp6", "'exp5'"),
+    ("report.names", "EB", "valid dictionary"),
+    ("report.outcome", "luck", "'mean_distance' or 'success'"),
+    ("report.axes", [0, 1], "valid dictionary"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "problem"), BAD, ids=[f"{key}={value}" for key, value, _ in BAD])
+def test_a_bad_value_is_named_with_its_key_and_what_would_be_right(
+    values: Values, key: str, value: Any, problem: str
+) -> None:
+    """One sentence that holds the last part of the key, the value (where it is short) and the problem."""
+    with pytest.raises(ConfigError) as caught:
+        checked(values, **{key.replace(".", "__"): value})
+    message = str(caught.value)
+    assert "\n" not in message and message.startswith("the test: ")
+    assert key.rpartition(".")[2] in message and problem in message
+    assert isinstance(value, list) or str(value) in message
+    assert "pydantic" not in message and "https" not in message
+
+
+def test_bad_values_of_the_gradient_planner_are_named() -> None:
+    """The keys that the cross-entropy method does not have."""
+    values = by_hand(planner="gradient")
+    for key, value in (("decay", 0.0), ("decay", 1.1), ("learning_rate", 0.0), ("initial_action", -0.1)):
+        with pytest.raises(ConfigError, match=rf"planner.{key} = {value} is not allowed"):
+            checked(values, **{f"planner__{key}": value})
+    with pytest.raises(ConfigError, match=r"planner.momentum = 0.1 is not a known key"):
+        checked(values, planner__momentum=0.1)
+
+
+def test_every_key_of_every_group_has_a_bad_value_above() -> None:
+    """A key that is added without one fails here."""
+    listed = {key for key, _, _ in BAD}
+    free = {"name", "title", "store", "reference", "output", "notice", "sweep"}
+    keys = {
+        f"{group}.{key}" if isinstance(group_values, dict) and group != "sweep" else group
+        for group, group_values in by_hand().items()
+        for key in (group_values if isinstance(group_values, dict) and group != "sweep" else [""])
+    }
+    physics = {key for key in keys if key.startswith("vehicle.")}  # tests/env have theirs
+    assert keys - listed - free - physics == set()
+
+
+def test_every_missing_key_is_named(values: Values) -> None:
+    """Nothing has a default in the code."""
+    for group in [key for key, value in values.items() if isinstance(value, dict) and key != "sweep"]:
+        for key in values[group]:
+            lacking = {**values, group: {other: value for other, value in values[group].items() if other != key}}
+            with pytest.raises(ConfigError, match=key):
+                Config.checked(lacking, "the test")
+    for key in values:
+        with pytest.raises(ConfigError, match=rf"{key} is missing; add the key"):
+            Config.checked({other: value for other, value in values.items() if other != key}, "the test")
+
+
+def test_several_bad_values_are_all_named_each_with_its_file() -> None:
+    """Through Hydra: the option chosen on the command line, and the root."""
+    with pytest.raises(ConfigError) as caught:
+        sweep.jobs(["planner=gradient", "planner.horizon=0", "model.context_size=-1", "members=0", "control.beta=nan"])
+    assert sorted(str(caught.value).split("\n")) == [
+        "conf/config.yaml or the command line: members = 0 is not allowed: it should be greater than 0.",
+        "conf/control/default.yaml or the command line: control.beta = nan is not allowed: "
+        "it should be a finite number.",
+        "conf/model/default.yaml or the command line: model.context_size = -1 is not allowed: "
+        "it should be greater than or equal to 0.",
+        "conf/planner/gradient.yaml or the command line: planner.horizon = 0 is not allowed: "
+        "it should be greater than 0.",
+    ]
+
+
+def test_keys_that_do_not_go_together_are_named(values: Values) -> None:
+    """A start corner must be free for the vehicle; lists are for the same trials."""
+    with pytest.raises(ConfigError, match=r"layout 'original': .* too small for a vehicle of radius 0.11"):
+        checked(values, vehicle__radius=0.11)
+    with pytest.raises(ConfigError) as caught:
+        checked(values, training__transition_lr=[0.1, 0.2], training__vision_max_norm=[1.0, 2.0, 3.0])
+    assert str(caught.value) == (
+        "the test: training: transition_lr has 2 values, but vision_max_norm has 3; lists need one for each trial."
+    )
+
+
+@pytest.fixture
+def own_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the configuration folder, to put layouts into."""
+    shutil.copytree(CONF, tmp_path / "conf")
+    monkeypatch.setattr("affmap.settings.base.folder", lambda: tmp_path / "conf")
+    read.cache_clear()
+    yield tmp_path / "conf" / "layout"
+    read.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("copied", "changes", "key", "message"),
+    [
+        ("original", {}, "control_layout", "name = 'original' must be that of the file, 'mine'"),
+        ("procedural_easy", {"name": "mine", "count": [60, 60]}, "control_layout", "no world was found"),
+        ("original", {"name": "mine", "start_margin": 0.05}, "training_layouts", "too small for a vehicle"),
+    ],
+)
+def test_a_layout_that_cannot_be_used_is_told_before_anything_runs(
+    own_layouts: Path, copied: str, changes: Values, key: str, message: str
+) -> None:
+    """A name that is not the file's, rules that no world obeys, a corner that is no place to start in."""
+    layout = content(own_layouts / f"{copied}.yaml") | changes
+    (own_layouts / "mine.yaml").write_text(yaml.safe_dump(layout))
+    world = "training_obstacles" if copied == "procedural_easy" else "original"
+    values = by_hand() | {"training_layouts": [world], "map_layout": world, "control_layout": world}
+    with pytest.raises(ConfigError, match=message):
+        Config.checked(values | {key: ["mine"] if key == "training_layouts" else "mine"}, "the test")
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_every_layout_can_be_used(name: str) -> None:
+    """As the world of everything, or, a procedural one, where its properties were learned."""
+    if "circles" in content(CONF / "layout" / f"{name}.yaml"):
+        (config,) = sweep.jobs([f"world={name}"])
+        assert config.training_layouts == (config.control_layout,) == (config.map_layout,)
+    else:
+        (config,) = sweep.jobs(["world=training_fog", f"control_layout={name}"])
+        assert isinstance(config.control_layout, Procedural)
+    assert config.control_layout.name == name
+
+
+STAGES = ("data", "train", "map", "control")
+
+# A change of each kind, and the stages whose results it must change. Everything else must keep its digest, or
+# experiments would not find each other's results.
+CHANGES: list[tuple[str, Any, str]] = [
+    ("data.seed", 1, "data train map control"),
+    ("data.num_steps", 299, "data train map control"),
+    ("training_layouts", ["two_obstacles"], "data train map control"),
+    ("training_layouts", ["original", "two_obstacles"], "data train map control"),
+    ("control_layout", "two_obstacles", "control"),
+    ("map_layout", "two_obstacles", "map"),
+    ("world", "two_obstacles", ""),  # its name; the layouts follow it in Hydra's composition
+    ("growth", "other", ""),
+    ("objective", "success", ""),
+    ("vehicle.contact_damping", 15.0, "data train map control"),
+    ("seed", 1, "train map control"),
+    ("members", 24, "train map control"),
+    ("model.context_size", 5, "train map control"),
+    ("model.delta_scale", 1.0, "train map control"),
+    ("training.num_epochs", 49, "train map control"),
+    ("training.vision_lr", 0.001, "train map control"),
+    ("training.vision_lr", [0.00075], "train map control"),
+    ("training.transition_lr", [0.008, 0.001], "train map control"),
+    ("training.vision_max_norm", [2, 1], "train map control"),
+    ("training.transition_max_norm", [1.2, 1], "train map control"),
+    ("training.snapshot_epochs", [1], "train map control"),
+    ("models", "reference", "map control"),
+    ("report.map_spacing", 0.05, "map"),
+    ("control.num_steps", 100, "control"),
+    ("control.beta", 10.0, "control"),
+    ("control.runs_per_member", 8, "control"),
+    ("lookup.spacing", 0.03, "control"),
+    ("lookup.differentiable", True, "control"),
+    ("planner.num_iterations", 3, "control"),
+    ("planner.momentum", 0.2, "control"),
+    ("training.accelerator", "gpu", ""),
+    ("control.device", "cuda", ""),
+    ("threads", 4, ""),
+    ("name", "other", ""),
+    ("title", "Other", ""),
+    ("notice", "a note", ""),
+    ("output", "elsewhere", ""),
+    ("store", "elsewhere", ""),
+    ("reference", "elsewhere", ""),
+    ("versions", "any", ""),
+    ("logger", "tensorboard", ""),
+    ("sweep", {"seed": "1,2"}, ""),
+    ("report.snapshots", True, "map"),
+    ("report.compare", "lookup.spacing", ""),
+    ("report.partial", True, ""),
+    ("report.claims", "exp2", ""),
+    ("report.names", {}, ""),
+    ("report.outcome", "success", ""),
+    ("report.axes", {}, ""),
+]
+
+
+def digests(config: Config) -> dict[str, str]:
+    stages = (DATA.of(config), TRAIN.of(config), MAP.of(config), CONTROL.of(config))
+    assert tuple(stage.name for stage in stages) == STAGES
+    return {stage.name: stage.digest for stage in stages}
+
+
+@pytest.mark.parametrize(("key", "value", "changed"), CHANGES, ids=[key for key, _, _ in CHANGES])
+def test_a_change_makes_those_stages_anew_that_depend_on_it(values: Values, key: str, value: Any, changed: str) -> None:
+    """The table above, written from what each stage computes."""
+    before, after = digests(checked(values)), digests(checked(values, **{key.replace(".", "__"): value}))
+    assert {name for name in STAGES if before[name] != after[name]} == set(changed.split())
+
+
+def test_every_number_of_a_group_changes_the_stages_of_its_group(values: Values) -> None:
+    """Each number of each group in turn, changed a little; so none is forgotten in a digest."""
+    first = {"vehicle": "data", "data": "data", "model": "train", "training": "train"}
+    first |= {"lookup": "control", "planner": "control", "control": "control"}
+    before = digests(checked(values))
+    for group, stage in first.items():
+        for key, value in values[group].items():
+            if isinstance(value, (int, float)) and not isinstance(value, bool):
+                other = value + 1 if isinstance(value, int) else 0.99 * value
+                after = digests(checked(values, **{f"{group}__{key}": other}))
+                assert after[stage] != before[stage], f"{group}.{key}"
+
+
+def test_the_reference_s_models_are_found() -> None:
+    """Experiment I's: their folders of 2026, by name."""
+    found = {job.model.context_size: TRAIN.of(job).digest for job in jobs("exp1", "full")}
+    assert found == {
+        0: "a0f05b9e3064b3b9",
+        1: "481a66a26bd7cb5a",
+        3: "f397c2544ee51255",
+        5: "440f0a65f2d0f54e",
+        8: "ee0614d477d66460",
+    }
+    kept = {path.name for path in (CONF.parent / "runs/reference/store/train").iterdir()}
+    experiments = ("exp1", "exp2", "exp3", "exp3_growth", "exp4", "exp5")
+    assert {TRAIN.of(job).digest for name in experiments for job in jobs(name, "full")} == kept
+
+
+KEYS = ("vision_lr", "transition_lr", "vision_max_norm", "transition_max_norm")
+
+
+@given(st.dictionaries(st.sampled_from(KEYS), st.lists(st.floats(1e-12, 1e12), min_size=1, max_size=3)))
+def test_lists_make_trials_if_they_have_one_length(lists: dict[str, list[float]]) -> None:
+    """Counted by hand; the values are those given, also in a stage's configuration, and other keys keep theirs."""
+    lengths = {len(values) for values in lists.values()}
+    plain = TrainingSettings.load("training", "default")
+    if len(lengths) > 1:
+        with pytest.raises(ConfigError, match=r"_(lr|max_norm) has \d values, but \w+ has \d; lists need one for each"):
+            TrainingSettings.load("training", "default", **lists)
+    else:
+        found = TrainingSettings.load("training", "default", **lists)
+        assert found.num_trials == (lengths.pop() if lists else None)
+        assert found.per_trial == {key: tuple(values) for key, values in lists.items()}
+        assert found.model_dump(mode="json") == plain.model_dump(mode="json") | lists
+
+
+def test_planners_share_models_and_context_sizes_share_data() -> None:
+    """Experiment I: one data set, a training and a map a context size, a control stage a job."""
+    counts = [len({digests(job)[name] for job in jobs("exp1", "full")}) for name in STAGES]
+    assert counts == [1, 5, 5, 10]
+
+
+def test_experiments_find_the_models_of_experiment_1() -> None:
+    """II needs no training of its own, III one for its hard condition; V trains once for both conditions."""
+    trained = {name: {digests(job)["train"] for job in jobs(name, "full")} for name in ("exp1", "exp2", "exp3", "exp5")}
+    assert trained["exp2"] == trained["exp1"] and len(trained["exp1"]) == 5
+    assert len(trained["exp3"]) == 10 and trained["exp3"] > trained["exp1"]
+    assert len(trained["exp5"]) == 7 and len(jobs("exp5", "full")) == 14
+    original = {digests(job)["control"] for job in jobs("exp1", "full")}
+    assert len(original & {digests(job)["control"] for job in jobs("exp2", "full")}) == 5
+
+
+def test_the_experiments_numbers_are_the_paper_s() -> None:
+    """Sections 5.4 to 5.7 and Appendix A, by hand."""
+    assert {job.control.beta for job in jobs("exp4", "full")} == {10.0}
+    for job in jobs("exp5", "full"):
+        assert (job.training.vision_lr, job.training.transition_lr) == pytest.approx((0.000075, 0.0008))
+        assert job.training.num_epochs == 500 and len(job.training_layouts) == 4
+        assert {circle.effect for layout in job.training_layouts for circle in layout.circles} == set(job.channels) - {
+            "solid"
+        } | {"obstacle"}
+    (growth,) = jobs("exp3_growth", "full")
+    assert (*growth.training.snapshot_epochs, growth.training.num_epochs) == (1, 2, 5, 10, 30, 100)
+
+
+def test_seeds_planners_and_labels() -> None:
+    """By hand."""
+    (config,) = sweep.jobs(["seed=7", "members=3", "planner=gradient", "model.context_size=5"])
+    assert list(config.seeds) == [7, 8, 9]
+    assert isinstance(config.planner, GradientPlanner)
+    assert label(config) == "original, context size 5, gradient, map of 0.02 u"
+    (config,) = sweep.jobs([])
+    assert isinstance(config.planner, CEMPlanner)
+    with pytest.raises(Exception, match="frozen"):
+        config.members = 3
+
+
+def test_only_the_reference_s_models_are_looked_for_in_the_reference(values: Values, tmp_path: Path) -> None:
+    """`models=train` never takes what lies in the reference's store; `models=reference` does."""
+    for models, expected in (("train", False), ("reference", True)):
+        config = checked(values, models=models, store=str(tmp_path / "own"), reference=str(tmp_path / "kept"))
+        kept = tmp_path / "kept" / "train" / TRAIN.of(config).digest
+        kept.mkdir(parents=True, exist_ok=True)
+        (kept / "provenance.json").write_text("{}")
+        assert open_store(config).has(TRAIN.of(config)) == expected

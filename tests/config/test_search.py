@@ -1,0 +1,178 @@
+"""Searches through the real commands at the tiniest scale: what is tried, what for, and what is told of it."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import TINY, command, in_process, jobs, line
+
+from affmap import pipeline
+from affmap.config.root import Config
+from affmap.config.search import Search
+from affmap.settings import ConfigError
+
+SPACES = ["training", "cem", "gradient"]
+QUICK = ["hydra.sweeper.num_trials=4", "hydra.sweeper.batch_size=2", "model.context_size=1"]
+
+
+def trials(output: Path) -> list[dict[str, str]]:
+    with (output / "jobs/results.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def single(folder: Path, *overrides: str) -> Config:
+    (config,) = jobs(folder, "model.context_size=1", *overrides)
+    return config
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_every_space_can_be_searched_from_the_values_in_use(space: str) -> None:
+    """The values that are tried first are those of the configuration, and each lies in its interval (a search that
+    begins outside is refused, which the next test would show)."""
+    search = Search.read([f"search={space}"])
+    assert search is not None and search.config.objective and search.config.members == 5
+    assert search.num_trials == 60 and search.folder == search.config.output / "jobs"
+    assert search.config.output == Path("runs/tune") / space
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_a_search_ends_with_a_report(
+    space: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four trials, the first of which is of the values in use and has the result that it has alone; then figures and a
+    table, and a second call that makes nothing."""
+    monkeypatch.chdir(tmp_path)
+    arguments = line(tmp_path, f"search={space}", *QUICK)
+    assert in_process(monkeypatch, "affmap", arguments) == 0, capsys.readouterr().err
+    found = trials(tmp_path / "output")
+    assert len(found) == 4 and {row["status"] for row in found} == {"ok"}
+    config = single(tmp_path, "planner=gradient" if space == "gradient" else "planner=cem")
+    if space == "training":
+        (alone,) = pipeline.validation(config)
+    else:
+        alone = pd.read_csv(pipeline.run(config).control[0] / "runs.csv")["mean_distance"].mean()
+    assert float(found[0]["result"]) == pytest.approx(alone, abs=2e-3)
+    assert in_process(monkeypatch, "affmap-status", [str(tmp_path / "output")]) == 0
+    assert "4 of 4 trials complete" in capsys.readouterr().out
+    before = (tmp_path / "output/jobs/trials.jsonl").read_bytes()
+    assert in_process(monkeypatch, "affmap", arguments) == 0
+    assert (tmp_path / "output/jobs/trials.jsonl").read_bytes() == before
+    capsys.readouterr()
+    assert in_process(monkeypatch, "affmap-report", arguments) == 0
+    assert "The values in use, trial 0, come in place" in capsys.readouterr().out
+    names = {path.name for path in (tmp_path / "output").rglob("search.*")}
+    assert names == {"search.md", "search.png", "search.pdf", "search.lock"}
+    assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 0
+    assert "4 trials and the report in" in capsys.readouterr().out
+    (tmp_path / "output/figures/search.png").write_bytes(b"")
+    assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 1
+    assert "search.png is not as it was written" in capsys.readouterr().err
+
+
+def test_trials_of_a_stack_are_the_trials_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four trials in two stacks of two, against a job for each: the same values, the same results to rounding."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("true", "false"):
+        arguments = [*line(tmp_path), "search=training", *QUICK, f"output={tmp_path / name}"]
+        assert in_process(monkeypatch, "affmap", [*arguments, f"hydra.sweeper.stacked={name}"]) == 0
+    stacked, alone = (pd.DataFrame(trials(tmp_path / name)).drop(columns="batch_seconds") for name in ("true", "false"))
+    pd.testing.assert_frame_equal(stacked.drop(columns="result"), alone.drop(columns="result"))
+    np.testing.assert_allclose(stacked["result"].astype(float), alone["result"].astype(float), atol=2e-3)
+
+
+def test_the_issue_s_own_command_line(tmp_path: Path) -> None:
+    """By the console script: an experiment gives its configuration and not its sweep; success is maximised; a planner
+    that cannot be is a failed trial, with its reason."""
+    overrides = [
+        "hydra/sweeper=hyperopt",
+        "experiment=exp1",
+        "training.transition_lr=tag(log,interval(1e-4,1e-1))",
+        "planner.momentum=choice(0.0,0.5,1.5)",
+        "objective=success",
+        "hydra.sweeper.direction=maximize",
+        "model.context_size=1",
+        "hydra.sweeper.num_trials=5",
+    ]
+    result = command(tmp_path, *overrides)
+    assert result.returncode == 0, result.stderr
+    found = trials(tmp_path / "output")
+    failed = [row for row in found if row["status"] == "fail"]
+    assert len(found) == 5 and failed and all(row["planner.momentum"] == "1.5" for row in failed)
+    logs = [path.read_text() for path in (tmp_path / "output/jobs").glob("*/affmap.log")]
+    assert sum("planner.momentum = 1.5 is not allowed" in text for text in logs) == len(failed)
+    assert len(list((tmp_path / "store/train").iterdir())) == 5 - len(failed)
+
+
+def test_what_is_no_fault_of_the_values_is_no_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A damaged model: the search ends with status 1 and the remedy, keeps the trials that it has, and, when the remedy
+    is followed, ends as one that nothing happened to; keys that change no result may be others, and a report on the way
+    says how far it is."""
+    monkeypatch.chdir(tmp_path)
+    wanted = [*QUICK, "search=cem"]
+    whole = line(tmp_path / "whole", *wanted)
+    assert in_process(monkeypatch, "affmap", whole) == 0
+    expected = pd.DataFrame(trials(tmp_path / "whole/output")).drop(columns="batch_seconds")
+    own = line(tmp_path / "own", *wanted)
+    two = [each.replace("num_trials=4", "num_trials=2") for each in own]
+    assert in_process(monkeypatch, "affmap", two) == 0
+    (train,) = (tmp_path / "own/store/train").iterdir()
+    weights = train / "weights.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-1])
+    capsys.readouterr()
+    assert in_process(monkeypatch, "affmap", own) == 1
+    told = capsys.readouterr().err
+    assert f"{weights} is damaged; remove the folder {train}" in told and "the same command tries it again" in told
+    assert len(trials(tmp_path / "own/output")) == 2
+    assert in_process(monkeypatch, "affmap-report", own) == 0
+    assert "PARTIAL: 2 of 4 trials are complete**" in capsys.readouterr().out
+    shutil.rmtree(train)
+    assert in_process(monkeypatch, "affmap", [*own, "threads=2", "versions=any"]) == 0
+    pd.testing.assert_frame_equal(pd.DataFrame(trials(tmp_path / "own/output")).drop(columns="batch_seconds"), expected)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (["hydra/sweeper=hyperopt", "model.context_size=1,2"], "a search needs an objective"),
+        (["search=training", "objective=success"], "objective=success needs hydra.sweeper.direction=maximize"),
+        (["search=training", "hydra.sweeper.num_trials=0"], "hydra.sweeper.num_trials = 0 is not allowed"),
+        (["search=training", "training.vision_lr=interval(1.0,2.0)"], "training.vision_lr"),
+        (["search=training", "training.vision_lr=tag(log,interval(0.0,2.0))"], "training.vision_lr"),
+        (["search=training", "members=0"], "members = 0 is not allowed"),
+        (["search=mars"], "mars"),
+        (["search=cem", "objective=validation_nll"], "objective=validation_nll does not depend on planner.horizon, "),
+    ],
+)
+def test_a_mistake_is_told(
+    overrides: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Before any trial; some by the sweeper, which knows the space."""
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap", line(tmp_path, *overrides)) == 2
+    error = capsys.readouterr().err
+    assert told in error and "Traceback" not in error
+    assert not (tmp_path / "store").exists()
+
+
+def test_no_search_is_none() -> None:
+    assert Search.read(TINY) is None
+    with pytest.raises(ConfigError, match="members"):
+        Search.read([*TINY, "members=0", "search=cem"])
+
+
+def test_a_report_needs_trials(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for entry in ("affmap-report", "affmap-publish"):
+        assert in_process(monkeypatch, entry, line(tmp_path, "search=cem", "notice=null")) == 2
+        told = capsys.readouterr().err
+        assert "holds no trials; run `affmap`" in told or "holds no report of these trials" in told

@@ -1,0 +1,163 @@
+"""Agents from runs: against the files they come from, and the flights that the runs themselves have recorded."""
+
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from commands import command, in_process, jobs, line
+from safetensors.torch import load_file
+
+import affmap
+from affmap import pipeline
+from affmap.control import pretrained
+from affmap.env.procedural import Procedural
+from affmap.model.lookup import AffordanceMap
+from affmap.model.weights import WEIGHTS
+from affmap.planning.cem import CEMPlanner
+from affmap.random import generator
+from affmap.settings import ConfigError
+from affmap.store.stage import StoreError
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> None:
+    torch.set_num_threads(1)
+
+
+def test_a_reference_agent_is_what_was_published() -> None:
+    """Weights against the file, settings against what the report says, the world against `conf/layout`."""
+    record = json.loads((ROOT / "runs/reference/exp4/provenance.json").read_text("utf-8"))
+    (digest,) = next(job for job in record["jobs"] if job["context_size"] == 8)["train"]
+    weights = load_file(ROOT / "runs/reference/store/train" / digest / WEIGHTS)
+    agent = affmap.load("exp4", context_size=8, members=(3, 11))
+    for name, weight in agent.stack.state_dict().items():
+        torch.testing.assert_close(weight, weights[name][[3, 11]], rtol=0, atol=0)
+    assert agent.seeds == (3, 11) and agent.settings.beta == 10
+    assert isinstance(agent.planner, CEMPlanner) and agent.planner.num_iterations == 5
+    assert isinstance(agent.lookup, AffordanceMap)
+    assert agent.lookup.worlds == [affmap.Layout.load("layout", "fog").map]
+
+
+def test_a_planner_can_be_named_or_given() -> None:
+    """The configuration's own; and one that was made."""
+    assert affmap.load("exp1", planner="gradient").planner == affmap.GradientPlanner.load("planner", "gradient")
+    own = affmap.CEMPlanner.load("planner", "cem", horizon=7)
+    assert affmap.load("exp1", planner=own).planner is own
+
+
+def test_in_random_worlds_it_is_in_the_first_that_its_member_flew_in() -> None:
+    agent = affmap.load("exp5", members=(2,))
+    world = Procedural.load("layout", "procedural_easy").draw(generator(2, "world", 0))
+    assert isinstance(agent.lookup, AffordanceMap) and agent.lookup.worlds == [world.map]
+
+
+def test_everything_of_the_reference_run_can_be_flown() -> None:
+    """Each experiment, each context size."""
+    assert pretrained.experiments() == ["exp1", "exp2", "exp3", "exp4", "exp5"]
+    for name in pretrained.experiments():
+        origin = pretrained.origin(name)
+        assert {0, 1, 3, 5, 8} <= set(origin.context_sizes)
+        for size in origin.context_sizes:
+            agent = affmap.load(name, context_size=size)
+            assert (agent.stack.context_size, agent.stack.num_channels) == (size, len(origin.channels))
+
+
+def test_what_comes_with_the_package_can_be_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The files that a wheel gets besides the code, alone in a folder: less than a MiB, found and whole."""
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["hatch"]["build"]
+    included = build["targets"]["wheel"]["force-include"]
+    files = {source: place for source, place in included.items() if place.startswith("affmap/reference/")}
+    for source, place in files.items():
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / source, tmp_path / place)
+    weights = tmp_path.rglob("*.safetensors")
+    assert sum(path.stat().st_size for path in weights) < 2**20
+    monkeypatch.setattr(pretrained, "reference", lambda: tmp_path / "affmap/reference")
+    for name, sizes in {"exp1": [0, 1, 3, 5, 8], "exp2": [0, 1, 3, 5, 8], "exp4": [0, 8], "exp5": [0, 8]}.items():
+        assert pretrained.origin(name).context_sizes == sizes
+        for size in sizes:
+            affmap.load(name, context_size=size)
+    with pytest.raises(ConfigError, match=r"has models of the context sizes \[0, 8\], and none of 3"):
+        affmap.load("exp4", context_size=3)
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep whose members were divided among two jobs, with its report."""
+    folder = tmp_path_factory.mktemp("ran")
+    sweep = ["model.context_size=0,1", "members=1", "seed=0,1", "output=" + str(folder / "output")]
+    result = command(folder, *sweep)
+    assert result.returncode == 0, result.stdout + result.stderr
+    with pytest.MonkeyPatch.context() as patch:
+        assert in_process(patch, "affmap-report", line(folder, *sweep)) == 0
+    return folder
+
+
+def test_an_agent_of_a_run_flies_what_the_run_has_recorded(ran: Path) -> None:
+    """The same starts, goals and plans, so the same paths, to rounding."""
+    for seed in (0, 1):
+        (config,) = jobs(ran, "model.context_size=1", "members=1", f"seed={seed}")
+        job = pipeline.find(config)
+        assert job is not None
+        recorded = np.load(job.control[0] / "trajectories.npz")
+        agent = affmap.load(ran / "output", context_size=1, members=(seed,))
+        runs = affmap.fly(agent, "original")
+        for key in ("position", "goal", "action", "planned_position"):
+            np.testing.assert_allclose(runs.trajectories[key], recorded[key], atol=1e-5)
+
+
+def test_a_mistake_is_told(ran: Path) -> None:
+    for arguments, told in (
+        ({"source": "exp9"}, "exp9 is neither the folder of .* exp1, exp2, exp3, exp4, exp5"),
+        ({"source": ran}, "is neither the folder"),
+        ({"source": ran / "output", "context_size": 3}, r"has models of the context sizes \[0, 1\], and none of 3"),
+        ({"source": ran / "output", "context_size": 1, "members": (0, 1)}, r"members = \[0, 1\] .* one job only"),
+        ({"source": "exp1", "members": (25,)}, r"members = \[25\] is not allowed"),
+        ({"source": "exp1", "members": ()}, r"members = \[\] is not allowed"),
+        ({"source": "exp1", "planner": "pid"}, "conf/planner holds: cem, gradient"),
+    ):
+        with pytest.raises(ConfigError, match=told):
+            affmap.load(**arguments)
+
+
+def test_damaged_weights_are_told(ran: Path, tmp_path: Path) -> None:
+    shutil.copytree(ran, tmp_path / "copy")
+    for path in (tmp_path / "copy").rglob(WEIGHTS):
+        path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(StoreError, match=r"weights\.safetensors is damaged or missing; remove the folder"):
+        affmap.load(tmp_path / "copy/output", context_size=1)
+
+
+def test_a_world_with_other_channels_cannot_be_seen() -> None:
+    with pytest.raises(ConfigError, match=r"'four_properties' has channels .* the agent was trained with \['solid'\]"):
+        affmap.fly(affmap.load("exp1"), "four_properties")
+    swapped = affmap.Layout.load("layout", "fog", channels=["border", "fog"])
+    with pytest.raises(ConfigError, match=r"\['border', 'fog'\], and the agent was trained with \['fog', 'border'\]"):
+        affmap.fly(affmap.load("exp4"), swapped)
+
+
+def test_the_conditions_of_experiment_3_have_models_of_their_own() -> None:
+    """What they see."""
+    assert affmap.load("exp3").channels == ("solid",)
+    hard = affmap.load("exp3", layout="three_looks")
+    assert hard.channels == ("upper", "lower", "meaningless") and hard.stack.num_channels == 3
+    with pytest.raises(ConfigError, match="has flights in original, three_looks, and none in 'fog'"):
+        affmap.load("exp3", layout="fog")
+
+
+def test_without_its_store_a_report_has_no_models(ran: Path, tmp_path: Path) -> None:
+    shutil.copytree(ran / "output", tmp_path / "output")
+    with pytest.raises(ConfigError, match=r"has no models: its store, .*store, is not there"):
+        affmap.load(tmp_path / "output", context_size=1)
+
+
+def test_in_random_worlds_it_flies_in_the_first() -> None:
+    """As `control` draws it."""
+    runs = affmap.fly(affmap.load("exp5", members=(1,)), "procedural_easy")
+    assert len(runs.table) == 4

@@ -1,0 +1,38 @@
+"""The table of effects: what each line must be, and that a line is all that a new force needs."""
+
+import numpy as np
+import pytest
+
+from affmap.env.body import Vehicle
+from affmap.env.effects import EFFECTS, PULLS, Effect
+from affmap.env.layout import Circle, Layout
+from affmap.env.physics import Physics
+from affmap.env.rendering import Canvas, Scene
+from affmap.report.drawing.arena import effect_handles
+from affmap.results.files import World
+
+
+def test_every_effect_can_be_told_from_the_others() -> None:
+    assert len({effect.label for effect in EFFECTS.values()}) == len(EFFECTS)
+    assert len({effect.color for effect in EFFECTS.values()}) == len(EFFECTS)
+    assert {name: effect.pull for name, effect in EFFECTS.items() if effect.pull} == PULLS
+    assert all(np.linalg.norm(pull) == pytest.approx(1) for pull in PULLS.values())
+
+
+def test_a_line_makes_a_new_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the README says: it can be laid out, it pulls, and pictures and legends show it."""
+    wind = Effect("blows to the left", "#123456", (-1.0, 0.0))
+    monkeypatch.setitem(EFFECTS, "wind", wind)
+    monkeypatch.setitem(PULLS, "wind", wind.pull)
+    circle = Circle(center=(1.5, 1.0), radius=0.3, effect="wind", channel="solid")
+    layout = Layout.load("layout", "original", circles=[circle])
+    vehicle = Vehicle.load("vehicle", "default")
+    physics = Physics(layout, vehicle, np.array([1.5, 1.0]))
+    physics.step(np.zeros(4))
+    assert physics.velocity[0] < 0 and physics.velocity[1] == 0
+    canvas = Canvas(layout.size, vehicle, window=False)
+    canvas.draw(Scene(layout, np.array([0.2, 0.2]), np.zeros(4), np.array([2.8, 1.8]), 0.1))
+    height, width, _ = canvas.array().shape
+    assert tuple(canvas.array()[height // 2, width // 2]) == (0x12, 0x34, 0x56)
+    world = World.of(layout.model_dump(mode="json"), vehicle.model_dump(mode="json"))
+    assert [handle.get_label() for handle in effect_handles([world])] == ["blows to the left"]

@@ -1,0 +1,98 @@
+"""Progress: plain lines at the right times with the right estimate, a bar in a terminal only."""
+
+import io
+import multiprocessing
+import sys
+
+import pytest
+
+from affmap.pipeline.progress import track
+
+
+class Clock:
+    """Stands for `time.monotonic`."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr("affmap.pipeline.progress.time.monotonic", clock)
+    return clock
+
+
+def lines(caplog: pytest.LogCaptureFixture, clock: Clock, updates: list[tuple[float, int]], total: int) -> list[str]:
+    """What is told when `updates` (time, finished) happen."""
+    with caplog.at_level("INFO", logger="affmap"), track("flying", total, "steps") as update:
+        for now, finished in updates:
+            clock.now = now
+            update(finished)
+    return caplog.messages
+
+
+def test_lines_come_every_15_seconds_with_the_time_that_is_left(caplog: pytest.LogCaptureFixture, clock: Clock) -> None:
+    """By hand: a step a second since the first one at 101 s; 83 steps are left at 118 s."""
+    updates = [(100.0 + step, step) for step in range(1, 34)]
+    assert lines(caplog, clock, updates, 100) == [
+        "flying: 100 steps",
+        "flying: 16 of 100 steps, 1:24 left",
+        "flying: 32 of 100 steps, 1:08 left",
+    ]
+
+
+def test_a_resumed_task_is_judged_by_its_own_speed(caplog: pytest.LogCaptureFixture, clock: Clock) -> None:
+    """By hand: 40 of 50 were done before; one takes 20 s, so nine more take 180 s at 41."""
+    assert lines(caplog, clock, [(110, 40), (130, 41)], 50) == [
+        "flying: 50 steps",
+        "flying: 41 of 50 steps, 3:00 left",
+    ]
+
+
+def test_short_and_finished_tasks_are_told_once(caplog: pytest.LogCaptureFixture, clock: Clock) -> None:
+    """Nothing within 15 s, nothing at the end."""
+    assert lines(caplog, clock, [(101, 1), (114, 2), (200, 3)], 3) == ["flying: 3 steps"]
+
+
+def test_nothing_is_printed_by_the_lines(capsys: pytest.CaptureFixture[str], clock: Clock) -> None:
+    """They are for the log alone."""
+    with track("flying", 3, "steps") as update:
+        update(1)
+    assert capsys.readouterr() == ("", "")
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_bar_in_a_terminal(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """What is drawn ends with the count; no lines are logged."""
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    with caplog.at_level("INFO", logger="affmap"), track("flying", 7, "steps") as update:
+        for finished in range(1, 8):
+            update(finished)
+    assert "flying" in terminal.getvalue() and "7/7" in terminal.getvalue()
+    assert caplog.messages == []
+
+
+def test_a_worker_draws_no_bar(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """Workers of a sweep share the terminal: plain lines there."""
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setattr(multiprocessing.current_process(), "_name", "LokyProcess-1")
+    with caplog.at_level("INFO", logger="affmap"), track("flying", 7, "steps") as update:
+        update(1)
+    assert terminal.getvalue() == "" and caplog.messages == ["flying: 7 steps"]
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_an_error_passes_through(monkeypatch: pytest.MonkeyPatch, is_terminal: bool) -> None:
+    if is_terminal:
+        monkeypatch.setattr(sys, "stdout", Terminal())
+    with pytest.raises(RuntimeError, match="broken"), track("flying", 7, "steps"):
+        raise RuntimeError("broken")

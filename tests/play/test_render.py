@@ -1,0 +1,110 @@
+"""Films: read back, against the flights that they show."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pygame
+import pytest
+
+import affmap
+from affmap.env.effects import EFFECTS
+from affmap.env.procedural import world
+from affmap.env.rendering import GOAL, VEHICLE
+from affmap.play import render as film
+
+
+def render(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["affmap-render", *arguments])
+    try:
+        film.main()
+    except SystemExit as leaving:
+        return int(leaving.code or 0)
+    return 0
+
+
+def test_a_frame_shows_the_vehicle_where_it_was() -> None:
+    """Two context sizes side by side, from the same start, to the same goal: golden colours at recorded places."""
+    frames = list(film.film("exp1", [0, 8], member=1, run=2, num_steps=8, with_map=False))
+    assert len(frames) == 8
+    left = {0: 0, 8: 3 * film.SCALE + film.GAP}
+    for size in (0, 8):
+        agent = affmap.load("exp1", context_size=size, members=[1])
+        agent.settings = agent.settings.model_copy(update={"num_steps": 8})
+        flight = affmap.fly(agent, "original").trajectories
+        for step in (0, 7):
+            for point, color in ((flight["position"][2, step], VEHICLE), (flight["goal"][2], GOAL)):
+                row, column = round((2 - point[1]) * film.SCALE) + film.HEAD, round(point[0] * film.SCALE)
+                assert tuple(frames[step][row, left[size] + column]) == color
+
+
+def test_of_rules_for_worlds_the_member_s_first_is_flown() -> None:
+    """Experiment V's: the world that `world` gives."""
+    (frame,) = film.film("exp5", [8], member=3, num_steps=1, with_map=False)
+    layout = world("procedural_easy", 3)
+    circle = max(layout.circles, key=lambda each: (each.effect == "obstacle", each.radius))
+    x, y = circle.center
+    row, column = round((2 - y) * film.SCALE) + film.HEAD, round(x * film.SCALE)
+    assert tuple(frame[row, column]) == tuple(pygame.Color(EFFECTS[circle.effect].color))[:3]
+
+
+def test_a_gif_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames and their time: every second of ten steps of a thirtieth of a second."""
+    path = tmp_path / "new" / "flight.gif"
+    arguments = ["exp4", "--steps", "10", "--every", "2", "--context-size", "8", "--output", str(path)]
+    assert render(monkeypatch, *arguments) == 0
+    frames = imageio.imread(path)
+    assert frames.shape == (5, 2 * film.SCALE + film.HEAD, 3 * film.SCALE, 3)
+    assert imageio.immeta(path)["duration"] == pytest.approx(1000 / 15, abs=10)
+    assert not np.array_equal(frames[0], frames[-1])
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio's, about pipes to ffmpeg
+def test_a_video_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "flight.mp4"
+    assert (
+        render(monkeypatch, "--steps", "5", "--context-size", "0", "--plain", "--every", "1", "--output", str(path))
+        == 0
+    )
+    assert len(imageio.imread(path)) == 5
+
+
+def test_help_comes_without_other_words() -> None:
+    """As a user gets it, in a process of its own."""
+    script = Path(sys.executable).with_name("affmap-render")
+    shown = subprocess.run([script, "--help"], capture_output=True, text=True, check=True)
+    assert shown.stdout.startswith("usage: affmap-render") and shown.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--output", "flight.avi"], "should end in .gif or .mp4"),
+        (["--steps", "0"], "--steps 0 should be 1 or more"),
+        (["--context-size", "4"], "none of 4"),
+        (["--layout", "mars"], "conf/layout/mars.yaml does not exist"),
+        (["exp9"], "exp9 is neither"),
+        (["exp1", "--layout", "fog"], "'fog' has channels"),
+    ],
+)
+def test_a_mistake_is_told(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert render(monkeypatch, *arguments) == 2
+    assert told in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_a_video_without_its_package_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(film, "find_spec", lambda _: None)
+    assert render(monkeypatch, "--output", "flight.mp4") == 2
+    assert "pip install 'affmap[video]'" in capsys.readouterr().err

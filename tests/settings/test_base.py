@@ -1,0 +1,147 @@
+"""Settings: every kind of error is one sentence with file, key, value and remedy; files stay as they are."""
+
+from collections.abc import Iterator
+from copy import deepcopy
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_validator, model_validator
+
+from affmap import settings
+from affmap.settings import ConfigError, Settings
+
+
+class Wheel(Settings):
+    radius: PositiveFloat
+
+
+class Cart(Settings):
+    mass: PositiveFloat
+    gears: PositiveInt
+    color: Literal["red", "blue"]
+    wheels: tuple[Wheel, ...]
+    doors: Annotated[tuple[str, ...], Field(min_length=1)]
+    owner: str
+
+    @field_validator("owner")
+    @classmethod
+    def _check_owner(cls, owner: str) -> str:
+        if owner == "nobody":
+            raise ValueError("must be somebody")
+        return owner
+
+    @model_validator(mode="after")
+    def _check(self) -> "Cart":
+        if self.gears > 5 * self.mass:
+            raise ValueError(f"gears = {self.gears} is too many for mass = {self.mass}; give at most {5 * self.mass}.")
+        return self
+
+
+GOOD = "mass: 1.5\ngears: 3\ncolor: red\nwheels: [{radius: 0.1}, {radius: 0.2}]\ndoors: [left]\nowner: ada\n"
+
+
+@pytest.fixture(autouse=True)
+def conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A configuration folder with a group `cart` of its own."""
+    (tmp_path / "cart").mkdir()
+    (tmp_path / "cart" / "good.yaml").write_text(GOOD)
+    monkeypatch.setattr("affmap.settings.base.folder", lambda: tmp_path)
+    settings.read.cache_clear()
+    yield tmp_path
+    settings.read.cache_clear()
+
+
+def complaint(**changes: object) -> str:
+    with pytest.raises(ConfigError) as caught:
+        Cart.load("cart", "good", **changes)
+    return str(caught.value)
+
+
+def test_a_file_gives_the_values_written_in_it() -> None:
+    """The YAML text above, by hand."""
+    cart = Cart.load("cart", "good")
+    assert (cart.mass, cart.gears, cart.color, cart.owner) == (1.5, 3, "red", "ada")
+    assert [wheel.radius for wheel in cart.wheels] == [0.1, 0.2]
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"mass": -1}, "mass = -1 is not allowed: it should be greater than 0."),
+        ({"mass": 0}, "mass = 0 is not allowed: it should be greater than 0."),
+        ({"mass": float("nan")}, "mass = nan is not allowed: it should be a finite number."),
+        ({"mass": float("inf")}, "mass = inf is not allowed: it should be a finite number."),
+        ({"mass": "heavy"}, "mass = 'heavy' is not allowed: it should be a valid number"),
+        ({"mass": None}, "mass = None is not allowed: it should be a valid number."),
+        ({"gears": 1.5}, "gears = 1.5 is not allowed: it should be a valid integer"),
+        ({"color": "green"}, "color = 'green' is not allowed: it should be 'red' or 'blue'."),
+        ({"owner": "nobody"}, "owner = 'nobody' is not allowed: it must be somebody."),
+        ({"doors": []}, "doors = [] is not allowed: it should have at least 1 item"),
+        ({"wheels": [{"radius": 1}, {"radius": -2}]}, "wheels[1].radius = -2 is not allowed: it should be greater"),
+        ({"wheels": [{}]}, "wheels[0].radius is missing; add the key."),
+        ({"wheel": 3}, "wheel = 3 is not a known key; remove it or correct its spelling."),
+        ({"wheels": [{"radius": 1, "size": 2}]}, "wheels[0].size = 2 is not a known key; remove it or correct"),
+        ({"gears": 8}, "gears = 8 is too many for mass = 1.5; give at most 7.5."),
+    ],
+)
+def test_an_error_is_a_sentence_with_file_key_value_and_remedy(changes: dict[str, object], sentence: str) -> None:
+    """Golden sentences."""
+    message = complaint(**changes)
+    assert message.startswith(f"conf/cart/good.yaml: {sentence}")
+    assert "\n" not in message and "pydantic" not in message
+
+
+def test_each_wrong_value_has_a_sentence_of_its_own() -> None:
+    """Golden text; pydantic's own exception is not shown behind it."""
+    with pytest.raises(ConfigError) as caught:
+        Cart.checked({"mass": 0, "gears": 1, "color": "red", "wheels": (), "doors": ["a"], "ownr": "ada"}, "here")
+    assert str(caught.value).splitlines() == [
+        "here: mass = 0 is not allowed: it should be greater than 0.",
+        "here: owner is missing; add the key.",
+        "here: ownr = 'ada' is not a known key; remove it or correct its spelling.",
+    ]
+    assert caught.value.__suppress_context__
+    assert isinstance(caught.value, ValueError)
+
+
+def test_an_unknown_file_lists_what_exists(conf: Path) -> None:
+    (conf / "cart" / "another.yaml").write_text(GOOD)
+    with pytest.raises(ConfigError) as caught:
+        Cart.load("cart", "best")
+    assert str(caught.value) == "conf/cart/best.yaml does not exist; conf/cart holds: another, good."
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n", "- 1\n- 2\n", "just words"])
+def test_a_file_without_keys_is_named(conf: Path, text: str) -> None:
+    (conf / "cart" / "odd.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"conf/cart/odd\.yaml holds .*it should hold `key: value` lines"):
+        Cart.load("cart", "odd")
+
+
+def test_settings_are_frozen() -> None:
+    cart = Cart.load("cart", "good")
+    with pytest.raises(ValidationError, match="frozen"):
+        cart.mass = 2.0  # type: ignore[misc]
+    with pytest.raises(ValidationError, match="frozen"):
+        cart.wheels[0].radius = 2.0  # type: ignore[misc]
+    assert cart == Cart.load("cart", "good")
+
+
+def test_changes_leave_the_file_as_it_is() -> None:
+    """The cached content equals its copy from before, also where a nested value was changed."""
+    before = deepcopy(settings.read("cart", "good"))
+    changed = Cart.load("cart", "good", mass=9.0, wheels=[{"radius": 7.0}])
+    assert (changed.mass, changed.wheels[0].radius) == (9.0, 7.0)
+    assert settings.read("cart", "good") == before
+    assert Cart.load("cart", "good").mass == 1.5
+
+
+def test_every_value_stands_in_conf_only() -> None:
+    """The promise of the module: settings of the package have no defaults."""
+    import affmap.env  # noqa: F401
+
+    own = [kind for kind in Settings.__subclasses__() if kind.__module__.startswith("affmap.")]
+    assert own
+    fields = [(kind.__name__, key, field) for kind in own for key, field in kind.model_fields.items()]
+    assert [(kind, key) for kind, key, field in fields if not field.is_required()] == []
