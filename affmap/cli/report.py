@@ -70,7 +70,7 @@ def _search_report(search: Search) -> Report:
         config.output,
         search.folder / RESULTS,
         config.objective or "",
-        in_use=leaves(config.model_dump(mode="json")),
+        in_use=leaves(config.complete()),
         log_keys=search.log_keys,
         origin={"overrides": search.overrides, "config": config.model_dump(mode="json"), **circumstances()},
         title=config.title,

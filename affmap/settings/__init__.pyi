@@ -1,3 +1,4 @@
+from .base import Neutral as Neutral
 from .base import Settings as Settings
 from .base import folder as folder
 from .base import read as read

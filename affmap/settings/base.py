@@ -6,21 +6,68 @@ defaults, so that a value stands in exactly one place, in `conf/`. It knows noth
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from affmap.settings.messages import ConfigError, one_line, sentences, shown
 from affmap.settings.types import NAME
+
+
+@dataclass(frozen=True)
+class Neutral:
+    """The value of a key that stands for how things were before the key existed: `Annotated[bool, Neutral(False)]`.
+
+    At this value the key is left out of what is written, so that no digest depends on it; where it is missing in what
+    is read, it has this value. So a key can be added, to layouts, too, without a new name for any stored result.
+    """
+
+    value: Any
+
+
+_COMPLETE = "complete"
+"""Serialization context: neutral keys are written, too."""
 
 
 class Settings(BaseModel):
     """Frozen, typed settings; unknown keys, NaN and infinities are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+    @classmethod
+    def _neutral(cls) -> dict[str, Any]:
+        """Key -> its neutral value, for those that have one."""
+        fields = cls.model_fields.items()
+        return {key: each.value for key, field in fields for each in field.metadata if isinstance(each, Neutral)}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _add_neutral(cls, values: Any) -> Any:
+        return {**cls._neutral(), **values} if isinstance(values, Mapping) else values
+
+    @model_serializer(mode="wrap")
+    def _drop_neutral(self, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+        values: dict[str, Any] = write(self)
+        if info.context == _COMPLETE:
+            return values
+        neutral = self._neutral()
+        return {key: value for key, value in values.items() if key not in neutral or getattr(self, key) != neutral[key]}
+
+    def complete(self) -> dict[str, Any]:
+        """Plain values of all keys, those at their neutral value included."""
+        return self.model_dump(mode="json", context=_COMPLETE)
 
     @classmethod
     def load(cls, group: str, name: str, **changes: Any) -> Self:

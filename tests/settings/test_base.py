@@ -9,7 +9,7 @@ import pytest
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_validator, model_validator
 
 from affmap import settings
-from affmap.settings import ConfigError, Settings
+from affmap.settings import ConfigError, Neutral, Settings
 
 
 class Wheel(Settings):
@@ -145,3 +145,36 @@ def test_every_value_stands_in_conf_only() -> None:
     assert own
     fields = [(kind.__name__, key, field) for kind in own for key, field in kind.model_fields.items()]
     assert [(kind, key) for kind, key, field in fields if not field.is_required()] == []
+
+
+class Grown(Cart):
+    """A cart with keys that came later."""
+
+    horn: Annotated[bool, Neutral(False)]
+    bells: Annotated[tuple[str, ...], Neutral(())]
+
+
+def test_a_key_at_its_neutral_value_is_not_written_and_not_needed() -> None:
+    """By hand: what was written before the keys existed reads the same, and is written the same."""
+    old, grown = Cart.load("cart", "good"), Grown.load("cart", "good")
+    assert (grown.horn, grown.bells) == (False, ())
+    for mode in ("python", "json"):
+        assert grown.model_dump(mode=mode) == old.model_dump(mode=mode)
+    assert Grown.load("cart", "good", horn=False, bells=[]) == grown == Grown.model_validate(old.model_dump())
+    assert grown.complete() == old.complete() | {"horn": False, "bells": []}
+
+
+def test_a_key_at_another_value_is_written() -> None:
+    loud = Grown.load("cart", "good", horn=True, bells=["ding"])
+    assert loud.model_dump(mode="json") == Cart.load("cart", "good").model_dump(mode="json") | {
+        "horn": True,
+        "bells": ["ding"],
+    }
+    assert Grown.model_validate(loud.model_dump()) == loud
+
+
+def test_a_key_without_a_neutral_value_is_still_needed() -> None:
+    with pytest.raises(ConfigError, match="mass is missing; add the key"):
+        Grown.checked(
+            {key: value for key, value in Cart.load("cart", "good").model_dump().items() if key != "mass"}, "x"
+        )

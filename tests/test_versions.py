@@ -1,0 +1,119 @@
+"""Numbers of stages beside those of a stored toy run: who changes them raises the version of the stage's rules.
+
+`python tests/test_versions.py` stores the numbers of raised versions anew.
+"""
+
+import json
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import line
+
+from affmap import pipeline
+from affmap.config import sweep
+from affmap.pipeline.collect import DATA
+from affmap.pipeline.control import CONTROL
+from affmap.pipeline.paint import MAP
+from affmap.pipeline.stage import StageDefinition
+from affmap.pipeline.train import TRAIN
+from affmap.results.files import Job
+
+STORED = Path(__file__).parent / "golden" / "toy"
+VERSIONS = STORED / "versions.json"
+DEFINITIONS = {definition.name: definition for definition in (DATA, TRAIN, MAP, CONTROL)}
+SWEEP = ["world=fog", "model.context_size=2", "planner=cem,gradient", "training.snapshot_epochs=[1]"]
+TOLERANCE = 1e-3
+"""Relative and absolute, as in `tests/test_splits.py`: another processor rounds differently."""
+
+
+def moments(folder: Path, name: str, arrays: tuple[str, ...]) -> pd.DataFrame:
+    """Means and spreads of arrays, a row for each place along the first axis."""
+    content = np.load(folder / name)
+    rows = [
+        {"array": array, "place": place, "mean": part.mean(), "spread": part.std()}
+        for array in arrays
+        for place, part in enumerate(content[array].astype(float))
+    ]
+    return pd.DataFrame(rows)
+
+
+NUMBERS: dict[str, Callable[[Job], pd.DataFrame]] = {
+    "data": lambda job: moments(job.data[0], "dataset.npz", ("position", "action", "view")),
+    "train": lambda job: pd.read_csv(job.train[0] / "validation.csv"),
+    "map": lambda job: moments(job.map[0], "maps.npz", ("codes", "initial_codes")),
+    "control": lambda job: pd.read_csv(job.control[0] / "runs.csv"),
+}
+"""Stage -> its numbers as a table."""
+
+
+def run(folder: Path) -> dict[str, pd.DataFrame]:
+    """The numbers of the toy run, stage by stage; those of control are of both planners."""
+    configs = sweep.jobs(sweep.complete(line(folder, *SWEEP)))
+    jobs = [pipeline.run(config) for config in configs]
+    return {
+        stage: pd.concat([read(job) for job in (jobs if stage == "control" else jobs[:1])], ignore_index=True)
+        for stage, read in NUMBERS.items()
+    }
+
+
+def stored(stage: str) -> pd.DataFrame:
+    return pd.read_csv(STORED / f"{stage}.csv")
+
+
+def problem(definition: StageDefinition, numbers: pd.DataFrame, known: pd.DataFrame, version: int) -> str:
+    """What is to be done about the numbers of a stage; empty where they are those that are known."""
+    if definition.version != version:
+        return f"version {definition.version} of stage {definition.name} is not stored: python tests/test_versions.py"
+    try:
+        pd.testing.assert_frame_equal(numbers, known, check_exact=False, rtol=TOLERANCE, atol=TOLERANCE)
+    except AssertionError as error:
+        return f"numbers of stage {definition.name} changed: raise its version ({error})"
+    return ""
+
+
+@pytest.fixture(scope="module")
+def numbers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
+    return run(tmp_path_factory.mktemp("toy"))
+
+
+@pytest.mark.parametrize("stage", NUMBERS)
+def test_numbers_are_those_of_the_version(numbers: dict[str, pd.DataFrame], stage: str) -> None:
+    """Golden: stored when the version was raised."""
+    versions = json.loads(VERSIONS.read_text("utf-8"))
+    assert not problem(DEFINITIONS[stage], numbers[stage], stored(stage), versions[stage])
+
+
+@pytest.mark.parametrize("stage", NUMBERS)
+def test_other_numbers_are_reported(stage: str) -> None:
+    """The first number of the stored table is another one."""
+    known = stored(stage)
+    column = known.select_dtypes("float").columns[0]
+    changed = known.copy()
+    changed.loc[0, column] += 0.1
+    definition = DEFINITIONS[stage]
+    assert problem(definition, changed, known, definition.version).startswith(f"numbers of stage {stage} changed")
+    assert "is not stored" in problem(definition, changed, known, definition.version + 1)
+
+
+def write() -> None:
+    """Store the numbers of the stages whose version is new; refuse changed numbers of an old version."""
+    versions = json.loads(VERSIONS.read_text("utf-8")) if VERSIONS.is_file() else {}
+    with tempfile.TemporaryDirectory() as folder:
+        found = run(Path(folder))
+    for stage, table in found.items():
+        definition = DEFINITIONS[stage]
+        if definition.version == versions.get(stage):
+            if words := problem(definition, table, stored(stage), versions[stage]):
+                raise SystemExit(words)
+            continue
+        table.to_csv(STORED / f"{stage}.csv", index=False, float_format="%.6f", lineterminator="\n")
+        versions[stage] = definition.version
+    VERSIONS.write_text(json.dumps(versions, indent=1) + "\n", "utf-8")
+
+
+if __name__ == "__main__":
+    write()
