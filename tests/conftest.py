@@ -7,7 +7,7 @@ import stage_files
 import torch
 from stage_files import WriteGrowth, WriteStages
 
-from affmap.results.files import World
+from affmap.env.layout import Layout
 
 torch.set_num_threads(1)
 
@@ -25,12 +25,12 @@ def write_growth() -> WriteGrowth:
 
 
 @pytest.fixture(scope="session")
-def load_world() -> Callable[[str], World]:
+def load_world() -> Callable[[str], Layout]:
     """Read a world from `conf/layout`."""
     return stage_files.load_world
 
 
 @pytest.fixture
-def world() -> World:
+def world() -> Layout:
     """The world of Experiment I."""
     return stage_files.load_world("original")

@@ -15,7 +15,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from affmap.results.files import Circle, Job, World
+from affmap.env.layout import Circle, Layout
+from affmap.results.setting import Setting
 
 LAYOUTS = Path(__file__).parents[1] / "conf" / "layout"
 VEHICLE = {"radius": 0.06}
@@ -25,8 +26,8 @@ GROWTH_EPOCHS = (1, 2, 5, 10, 30, 100)
 X, Y = np.arange(151) * 0.02, np.arange(101) * 0.02
 KINDS = ("solid", "fog", "force_up", "force_down")
 
-WriteStages = Callable[..., list[Job]]
-WriteGrowth = Callable[..., Job]
+WriteStages = Callable[..., list[Setting]]
+WriteGrowth = Callable[..., Setting]
 
 
 class Condition(NamedTuple):
@@ -57,7 +58,7 @@ def write_stages(
     epochs: int = 4,
     steps: int = 40,
     experiment: str = "exp1",
-) -> list[Job]:
+) -> list[Setting]:
     """Write every stage of a sweep of `experiment`; planners are by default those of the paper."""
     if planners is None:
         planners = ("cem", "gradient") if experiment == "exp1" else ("cem",)
@@ -69,7 +70,7 @@ def write_stages(
     return jobs
 
 
-def write_growth(root: Path, members: int = 6, epochs: Sequence[int] = GROWTH_EPOCHS, size: int = 8) -> Job:
+def write_growth(root: Path, members: int = 6, epochs: Sequence[int] = GROWTH_EPOCHS, size: int = 8) -> Setting:
     """Write the stages of the training whose maps are kept; lower obstacles look less different after each of them."""
     condition = Condition(("three_looks",), "three_looks", "three_looks")
     return _write_job(root, condition, "cem", size, 0, members, epochs[-1], 40, epochs)
@@ -85,7 +86,7 @@ def _write_job(
     epochs: int,
     steps: int,
     snapshots: Sequence[int] = (),
-) -> Job:
+) -> Setting:
     """Write the stages of one setting that are not there yet; `rank` is the place of `size` among the context sizes."""
     collected = {
         "training_layouts": [_layout(name) for name in condition.training],
@@ -110,22 +111,21 @@ def _write_job(
         "control": {"num_steps": steps},
         "control_layout": _layout(condition.control),
     }
-    return Job(
-        size,
-        planner,
-        condition.control,
-        data=_ensure(root, "data", collected, lambda folder: _coverage(folder, len(condition.training))),
-        train=_ensure(
+    folders = {
+        "data": _ensure(root, "data", collected, lambda folder: _coverage(folder, len(condition.training))),
+        "train": _ensure(
             root, "train", trained, lambda folder: _validation(folder, condition.training, size, members, epochs)
         ),
-        map=_ensure(root, "map", painted, lambda folder: _maps(folder, condition.map, size, members, snapshots)),
-        control=_ensure(
+        "map": _ensure(root, "map", painted, lambda folder: _maps(folder, condition.map, size, members, snapshots)),
+        "control": _ensure(
             root,
             "control",
             controlled,
             lambda folder: _control(folder, condition.control, size, rank, planner, members, steps),
         ),
-    )
+    }
+    values = {"model.context_size": size, "planner": planner, "control_layout": condition.control}
+    return Setting(values, folders)
 
 
 def _ensure(root: Path, stage: str, config: dict[str, Any], write: Callable[[Path], None]) -> tuple[Path]:
@@ -157,10 +157,21 @@ def _layout(name: str) -> dict[str, Any]:
     return yaml.safe_load((LAYOUTS / f"{name}.yaml").read_text("utf-8"))
 
 
-def load_world(name: str) -> World:
-    layout = _layout(name)
-    circles = tuple(Circle(*circle["center"], circle["radius"], circle["effect"]) for circle in layout["circles"])
-    return World(name, tuple(layout["size"]), circles, layout["start_margin"], layout["start_side"], VEHICLE["radius"])
+def load_world(name: str) -> Layout:
+    return Layout.model_validate(_layout(name))
+
+
+def make_world(*circles: tuple[float, float, float, str], name: str = "mine") -> Layout:
+    """A layout of circles: x, y, radius (u) and effect."""
+    return Layout(
+        name=name,
+        size=(3.0, 2.0),
+        channels=("solid",),
+        border_channel="solid",
+        start_margin=0.1,
+        start_side=0.2,
+        circles=tuple(Circle(center=(x, y), radius=r, effect=effect, channel="solid") for x, y, r, effect in circles),
+    )
 
 
 def _coverage(folder: Path, num_worlds: int) -> None:

@@ -29,7 +29,7 @@ from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import copy, restore, save
 from affmap.report import blocks, content, page
 from affmap.results import manifest, provenance
-from affmap.results.files import Job
+from affmap.results.setting import STAGES, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError, read
 from affmap.training.fit import fit, keep
@@ -67,8 +67,10 @@ def stack() -> Stack:
     return Stack(ModelSettings.load("model", "default", context_size=1), 1, (0, 1))
 
 
-def job(folder: Path) -> Job:
-    return Job(1, "cem", "original", *[(folder,)] * 4)
+def job(folder: Path) -> Setting:
+    return Setting(
+        {"model.context_size": 1, "planner": "cem", "control_layout": "original"}, dict.fromkeys(STAGES, (folder,))
+    )
 
 
 def test_the_trap_works(tmp_path: Path) -> None:
@@ -81,7 +83,7 @@ def test_the_trap_works(tmp_path: Path) -> None:
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "dataset.npz": lambda folder: module.read(folder / "dataset.npz"),
-    "coverage.npz": lambda folder: Results((job(folder),)).exploration,
+    "coverage.npz": lambda folder: Results((job(folder),)).exploration(job(folder)),
     "maps.npz": lambda folder: Results((job(folder),)).maps(),
     "trajectories.npz": lambda folder: Results((job(folder),)).trajectories(job(folder)),
 }

@@ -9,9 +9,11 @@ import pytest
 from commands import in_process, jobs, line
 
 from affmap import pipeline
+from affmap.cli.app import read_sweep
 from affmap.config.sweep import Sweep
-from affmap.results.files import Job
-from affmap.results.tables import Results, join, read_maps
+from affmap.results.files import read_maps
+from affmap.results.setting import STAGES, Setting
+from affmap.results.tables import Results, join
 from affmap.settings import ConfigError
 
 SWEEP = ["model.context_size=0,2", "planner=cem", "training.snapshot_epochs=[1]", "report.snapshots=true"]
@@ -24,7 +26,7 @@ SPLITS = {
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Job, ...]]:
+def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Setting, ...]]:
     """Each split, complete, in a store that all share: so there is one data set."""
     folder = tmp_path_factory.mktemp("splits")
     found = {}
@@ -42,7 +44,7 @@ def close(found: pd.DataFrame, expected: pd.DataFrame) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in SPLITS if name != "one job"])
-def test_every_split_gives_the_tables_of_one_job(ran: dict[str, tuple[Job, ...]], name: str) -> None:
+def test_every_split_gives_the_tables_of_one_job(ran: dict[str, tuple[Setting, ...]], name: str) -> None:
     """Row by row, in the same order, to float rounding: matrices of other sizes are summed in another order."""
     assert len(ran[name]) == 2
     split, whole = Results(ran[name]), Results(ran["one job"])
@@ -52,7 +54,7 @@ def test_every_split_gives_the_tables_of_one_job(ran: dict[str, tuple[Job, ...]]
 
 
 @pytest.mark.parametrize("name", [name for name in SPLITS if name != "one job"])
-def test_every_split_gives_the_arrays_of_one_job(ran: dict[str, tuple[Job, ...]], name: str) -> None:
+def test_every_split_gives_the_arrays_of_one_job(ran: dict[str, tuple[Setting, ...]], name: str) -> None:
     """Maps with their snapshots, trajectories, worlds: members in the same order."""
     for part, whole in zip(ran[name], ran["one job"], strict=True):
         for found, expected in zip(read_maps(part.map), read_maps(whole.map), strict=True):
@@ -64,14 +66,14 @@ def test_every_split_gives_the_arrays_of_one_job(ran: dict[str, tuple[Job, ...]]
         assert len(split.provenance) == 1 + 3 * len(part.train)  # the data are shared
 
 
-def test_the_order_of_jobs_does_not_matter(ran: dict[str, tuple[Job, ...]]) -> None:
+def test_the_order_of_jobs_does_not_matter(ran: dict[str, tuple[Setting, ...]]) -> None:
     """Reversed: the same folders in the same order."""
     alone = [
-        Job(job.context_size, job.planner, job.layout, *[(folder,) for folder in folders])
+        Setting(job.values, {stage: (folder,) for stage, folder in zip(STAGES, folders, strict=True)})
         for job in ran["six jobs"]
         for folders in zip(6 * job.data, job.train, job.map, job.control, strict=True)
     ]
-    assert set(join(alone[::-1])) == set(ran["six jobs"])
+    assert join(alone[::-1]) == ran["six jobs"][::-1]
 
 
 @pytest.mark.parametrize("split", [["members=2", "seed=0,1"], ["members=1,2", "seed=0"], ["threads=1,2"]])
@@ -79,7 +81,7 @@ def test_a_member_in_two_jobs_is_refused(tmp_path: Path, split: Sequence[str]) -
     """It would be counted twice."""
     told = r"member [01] would be in two jobs \(seed=0 members=\d and seed=[01] members=\d\)"
     with pytest.raises(ConfigError, match=told):
-        Sweep.read(line(tmp_path, "model.context_size=0,1", *split))
+        read_sweep(line(tmp_path, "model.context_size=0,1", *split))
 
 
 def test_a_split_sweep_has_one_report(

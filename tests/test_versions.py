@@ -20,7 +20,7 @@ from affmap.pipeline.control import CONTROL
 from affmap.pipeline.paint import MAP
 from affmap.pipeline.stage import StageDefinition
 from affmap.pipeline.train import TRAIN
-from affmap.results.files import Job
+from affmap.results.setting import Setting
 
 STORED = Path(__file__).parent / "golden" / "toy"
 VERSIONS = STORED / "versions.json"
@@ -41,7 +41,7 @@ def moments(folder: Path, name: str, arrays: tuple[str, ...]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-NUMBERS: dict[str, Callable[[Job], pd.DataFrame]] = {
+NUMBERS: dict[str, Callable[[Setting], pd.DataFrame]] = {
     "data": lambda job: moments(job.data[0], "dataset.npz", ("position", "action", "view")),
     "train": lambda job: pd.read_csv(job.train[0] / "validation.csv"),
     "map": lambda job: moments(job.map[0], "maps.npz", ("codes", "initial_codes")),

@@ -25,6 +25,7 @@ def _paper(asked: Sweep, keep: bool) -> None:
     from affmap.experiments import PAPER, claims_about  # reports take seconds to import
     from affmap.experiments.paper.report import Chapter, PaperReport
     from affmap.report import build
+    from affmap.results.tables import Results
 
     chapters = []
     for experiment in PAPER:
@@ -35,7 +36,8 @@ def _paper(asked: Sweep, keep: bool) -> None:
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
         claims = claims_about(first.report.claims)
-        chapters.append(Chapter(first.title, part.results, first.report, claims, first.output, part.missing))
+        results = Results(part.settings, part.growth, first.report.x, first.report.color)
+        chapters.append(Chapter(first.title, results, first.report, claims, first.output, part.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
     line = shlex.join(["affmap-paper", *without_places(asked.overrides)])

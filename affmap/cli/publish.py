@@ -9,9 +9,9 @@ from affmap.config.search import Search
 from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.pipeline.completed import completed
 from affmap.results import manifest
+from affmap.results.files import VALIDATION
 from affmap.settings.messages import ConfigError
 from affmap.store.stage import copy_stage
-from affmap.training.settings import VALIDATION
 
 WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 """Not kept: vector figures are in the report's own PDF, which is; all figures in the page; all losses in the tables."""
@@ -46,9 +46,9 @@ def _publish(arguments: list[str]) -> None:
         print(f"Kept in {place}")
         return
     part = completed(asked)
-    for job in [*part.jobs, *([part.growth] if part.growth else [])]:
-        for train in job.train:
-            _keep(train, config, [SNAPSHOT.format(epoch="*")] if job is part.growth else [])
+    for setting in [*part.settings, *([part.growth] if part.growth else [])]:
+        for train in setting.train:
+            _keep(train, config, [SNAPSHOT.format(epoch="*")] if setting is part.growth else [])
     print(f"Kept in {place} and {config.reference}")
 
 

@@ -46,6 +46,7 @@ def report_of(asked: Search | Sweep) -> Report:
     from affmap.experiments import claims_about  # reports take seconds to import
     from affmap.experiments.comparison.report import ComparisonReport
     from affmap.report.experiment import ExperimentReport
+    from affmap.results.tables import Results
 
     first, part = asked.first, completed(asked)
     partial = f"PARTIAL: {part.missing.partition(' (')[0]}" if part.missing else None
@@ -56,9 +57,10 @@ def report_of(asked: Search | Sweep) -> Report:
     }
     notice = "; ".join(filter(None, [first.notice, partial])) or None
     if first.report.compare:
-        return ComparisonReport(first.output, part.jobs, first.report.compare, **head, notice=notice)
+        return ComparisonReport(first.output, part.settings, first.report.compare, **head, notice=notice)
     claims = claims_about(first.report.claims)
-    return ExperimentReport(first.output, part.results, first.report, claims, **head, notice=notice)
+    results = Results(part.settings, part.growth, first.report.x, first.report.color)
+    return ExperimentReport(first.output, results, first.report, claims, **head, notice=notice)
 
 
 def _search_report(search: Search) -> Report:

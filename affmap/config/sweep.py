@@ -32,8 +32,8 @@ class Sweep(NamedTuple):
 
     overrides: list[str]
     configs: list[Config]
-    labels: list[str]
-    """What tells a job from the others, in the words of the command line."""
+    swept: list[dict[str, str]]
+    """Key -> value of what is swept over in each job, in the words of the command line."""
 
     @classmethod
     def read(cls, arguments: Sequence[str]) -> "Sweep":
@@ -44,7 +44,13 @@ class Sweep(NamedTuple):
         """
         overrides = complete(arguments)
         configs = jobs(overrides)
-        return cls(overrides, configs, labels(overrides))
+        return cls(overrides, configs, swept(overrides))
+
+    @property
+    def labels(self) -> list[str]:
+        """What tells each job from the others, in the words of the command line."""
+        lines = [" ".join(f"{key}={value}" for key, value in values.items()) for values in self.swept]
+        return [line or "the only setting" for line in lines]
 
     @property
     def first(self) -> Config:
@@ -136,12 +142,12 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
     return [check(job) for job in _split(parsed)]
 
 
-def labels(overrides: Sequence[str]) -> list[str]:
-    """The values swept over in each job of a command line."""
+def swept(overrides: Sequence[str]) -> list[dict[str, str]]:
+    """Key -> value of what is swept over, for each job of a command line."""
     parsed = parse(overrides)
-    swept = {override.key_or_group for override in parsed if override.is_sweep_override()}
-    chosen = [[each for each in job if each.partition("=")[0].lstrip("+") in swept] for job in _split(parsed)]
-    return [" ".join(each) or "the only setting" for each in chosen]
+    keys = {override.key_or_group for override in parsed if override.is_sweep_override()}
+    lines = [[each.lstrip("+").partition("=") for each in job] for job in _split(parsed)]
+    return [{key: value for key, _, value in job if key in keys} for job in lines]
 
 
 def _split(parsed: Sequence[Override]) -> list[list[str]]:

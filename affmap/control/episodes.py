@@ -16,6 +16,9 @@ from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, world
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
+from affmap.results import metrics
+from affmap.results.files import Trajectories
+from affmap.results.metrics import METRICS
 from affmap.view import views
 
 
@@ -109,32 +112,21 @@ def _batch(observations: Sequence[dict[str, np.ndarray]], seen: np.ndarray, devi
 def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
     """One row a run.
 
-    Columns: member, run; start_x, start_y, goal_x, goal_y (u); prediction_error (nats, mean over steps of the negative
-    log-likelihood of the change of position); mean_distance (u, between true position and goal, mean over the steps'
-    ends); reached; steps_to_reach (empty where not reached); success (reached, and never in fog; Experiment IV);
-    steps_touching; steps_in_fog; final_spread (u, largest distance of the positions of the last quarter from their
-    mean: less than the vehicle's diameter where it is stuck).
+    Columns: member, run; start_x, start_y, goal_x, goal_y (u); and the metrics that tables of runs have
+    (`affmap.results.metrics`): prediction_error (nats, mean over steps of the negative log-likelihood of the change of
+    position); mean_distance (u, between true position and goal, mean over the steps' ends); reached; steps_to_reach
+    (empty where not reached); success (reached, and never in fog; Experiment IV); steps_touching; steps_in_fog;
+    final_spread (u, largest distance of the positions of the last quarter from their mean: less than the vehicle's
+    diameter where it is stuck).
     """
-    position, goal, reached = trajectories["position"], trajectories["goal"], trajectories["reached"]
-    distance = np.linalg.norm(position[:, 1:] - goal[:, None], axis=-1)
-    ever = np.asarray(reached.any(axis=1))
-    steps_in_fog = trajectories["in_fog"].sum(axis=1)
-    end = position[:, position.shape[1] * 3 // 4 :]
-    return pd.DataFrame(
-        {
-            "member": trajectories["member"],
-            "run": trajectories["run"],
-            "start_x": position[:, 0, 0],
-            "start_y": position[:, 0, 1],
-            "goal_x": goal[:, 0],
-            "goal_y": goal[:, 1],
-            "prediction_error": trajectories["prediction_error"].mean(axis=1),
-            "mean_distance": distance.mean(axis=1),
-            "reached": ever,
-            "steps_to_reach": pd.Series(np.where(ever, reached.argmax(axis=1) + 1, 0)).where(ever).astype("Int64"),
-            "success": ever & (steps_in_fog == 0),
-            "steps_touching": trajectories["touching"].sum(axis=1),
-            "steps_in_fog": steps_in_fog,
-            "final_spread": np.linalg.norm(end - end.mean(axis=1, keepdims=True), axis=-1).max(axis=1),
-        }
-    )
+    paths = Trajectories(**trajectories)
+    places = {
+        "member": paths.member,
+        "run": paths.run,
+        "start_x": paths.position[:, 0, 0],
+        "start_y": paths.position[:, 0, 1],
+        "goal_x": paths.goal[:, 0],
+        "goal_y": paths.goal[:, 1],
+    }
+    stored = [column for column, metric in METRICS.items() if metric.stored]
+    return pd.DataFrame(places).join(metrics.summarise(paths, stored))

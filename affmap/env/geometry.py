@@ -1,13 +1,28 @@
-"""Whether a world can be crossed: a flood fill over the places where the vehicle can be and steer."""
+"""Geometry of layouts: distances to their borders and circles, and whether a layout can be crossed."""
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from affmap.env.body import Vehicle
 from affmap.env.effects import PULLS
-from affmap.env.layout import Layout
+from affmap.env.layout import Circle, Layout
+from affmap.view import EXTENT
+
+Floats = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
+
+BESIDE = 0.04
+"""u; nodes where the vehicle's rim is at most this far from a surface count as beside it."""
+
+EPSILON = 1e-6  # u; nodes are float sums of a spacing, comparisons with borders must not hang on the last bit
+
+DIRECTIONS: dict[str, tuple[int, float]] = {"left": (0, -1.0), "right": (0, 1.0), "lower": (1, -1.0), "upper": (1, 1.0)}
+"""Side -> its axis and the sign of its outward direction, seen from the centre of a circle or of the arena."""
 
 STEP = 0.01
 """Grid spacing, u."""
@@ -39,3 +54,45 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
     nearest = np.clip(np.round(np.stack([start, goal]) / STEP).astype(int), 0, np.array(areas.shape) - 1)
     start_area, goal_area = areas[tuple(nearest.T)]
     return bool(start_area == goal_area != 0)
+
+
+def surface_distance(nodes: Floats, layout: Layout) -> Floats:
+    """Distance `[...]` (u) of positions `[..., 2]` to the nearest obstacle or border; negative inside or outside."""
+    distances = [border_distance(nodes, layout, side) for side in DIRECTIONS]
+    distances += [circle_distance(nodes, circle) for circle in layout.obstacles]
+    return np.min(distances, axis=0)
+
+
+def border_distance(nodes: Floats, layout: Layout, side: str) -> Floats:
+    """Distance `[...]` (u) of positions `[..., 2]` to a side of the border; negative outside."""
+    axis, sign = DIRECTIONS[side]
+    return layout.size[axis] - nodes[..., axis] if sign > 0 else nodes[..., axis]
+
+
+def circle_distance(nodes: Floats, circle: Circle) -> Floats:
+    """Distance `[...]` (u) of positions `[..., 2]` to the rim of a circle; negative inside."""
+    return np.linalg.norm(nodes - (circle.x, circle.y), axis=-1) - circle.radius
+
+
+def reachable(nodes: Floats, layout: Layout, radius: float) -> Mask:
+    """Whether the centre of a vehicle of `radius` (u) can be at the positions `[..., 2]`: `[...]`."""
+    return surface_distance(nodes, layout) >= radius - EPSILON
+
+
+def beside(distance: Floats, radius: float) -> Mask:
+    """Whether the rim of a vehicle of `radius` (u) is beside a surface, `distance` `[...]` (u) from its centre."""
+    return distance <= radius + BESIDE + EPSILON
+
+
+def sees_only(nodes: Floats, layout: Layout, things: Sequence[str | Circle]) -> Mask:
+    """Where the view around a node shows none of the border sides and circles but `things`."""
+    half = EXTENT / 2
+    clear = np.ones(nodes.shape[:-1], dtype=bool)
+    for side in DIRECTIONS:
+        if side not in things:
+            clear &= border_distance(nodes, layout, side) >= half - EPSILON
+    for circle in layout.circles:
+        if circle not in things:
+            beyond = np.maximum(np.abs(nodes - (circle.x, circle.y)) - half, 0.0)  # from the square to the centre
+            clear &= np.linalg.norm(beyond, axis=-1) >= circle.radius - EPSILON
+    return clear

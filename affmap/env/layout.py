@@ -39,6 +39,16 @@ class Circle(Settings):
     channel: Line
     """Name of the channel of the view that it is painted in."""
 
+    @property
+    def x(self) -> float:
+        """Of the center, u."""
+        return self.center[0]
+
+    @property
+    def y(self) -> float:
+        """Of the center, u."""
+        return self.center[1]
+
 
 class Arena(Settings):
     """What all worlds have: borders, the squares in the corners where runs start and end, and how things look.
@@ -111,7 +121,7 @@ class Layout(Arena):
         """Where a disc of `radius` (u) around each of `positions` `[..., 2]` meets nothing solid: `[...]`."""
         inside = (positions >= radius) & (positions <= np.array(self.size) - radius)
         free = np.asarray(inside.all(-1))
-        for circle in self._obstacles:
+        for circle in self.obstacles:
             free &= np.linalg.norm(positions - np.array(circle.center), axis=-1) >= circle.radius + radius
         return free
 
@@ -139,5 +149,6 @@ class Layout(Arena):
                 )
 
     @property
-    def _obstacles(self) -> Sequence[Circle]:
+    def obstacles(self) -> Sequence[Circle]:
+        """The circles that block the way."""
         return [circle for circle in self.circles if circle.effect == "obstacle"]

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from affmap.results.files import Circle, Floats, Maps, World
-from affmap.results.maps import (
+from affmap.env.geometry import (
     DIRECTIONS,
     EPSILON,
     Mask,
@@ -18,15 +17,17 @@ from affmap.results.maps import (
     border_distance,
     circle_distance,
     reachable,
-    scale,
     sees_only,
     surface_distance,
 )
+from affmap.env.layout import Circle, Layout
+from affmap.model.palette import rounding
+from affmap.results.files import Floats, Maps
 
 OPPOSITE = {"left": "right", "right": "left", "lower": "upper", "upper": "lower"}
 
 
-def obstacle_contrast(maps: Maps, world: World) -> tuple[Floats, Floats]:
+def obstacle_contrast(maps: Maps, world: Layout, radius: float) -> tuple[Floats, Floats]:
     """Distances to the free-space code, beside a surface and everywhere else (I-8a).
 
     The free-space code is the mean over the nodes whose view shows nothing. A view that shows nothing is the same
@@ -36,12 +37,12 @@ def obstacle_contrast(maps: Maps, world: World) -> tuple[Floats, Floats]:
     Returns:
         `[M]` and `[M]`: mean distances in standard deviations of the member's own map; empty without such nodes.
     """
-    possible = reachable(maps.nodes, world)
-    near = possible & beside(surface_distance(maps.nodes, world), world)
-    return _from_free_space(maps, world, near, possible & ~near)
+    possible = reachable(maps.nodes, world, radius)
+    near = possible & beside(surface_distance(maps.nodes, world), radius)
+    return _from_free_space(maps, world, radius, near, possible & ~near)
 
 
-def meaningless_trace(maps: Maps, world: World) -> tuple[Floats, Floats]:
+def meaningless_trace(maps: Maps, world: Layout, radius: float) -> tuple[Floats, Floats]:
     """Distances to the free-space code beside or in circles without effect, and beside obstacles (III-2).
 
     Both are means over the reachable nodes where the vehicle's rim is beside the circle, or overlaps it, and whose view
@@ -53,11 +54,11 @@ def meaningless_trace(maps: Maps, world: World) -> tuple[Floats, Floats]:
         `[M]` and `[M]`: mean distances in standard deviations of the member's own map; empty without such nodes.
     """
     meaningless = [circle for circle in world.circles if circle.effect == "none"]
-    near = [_beside_only(maps.nodes, world, circles) for circles in (meaningless, world.obstacles)]
-    return _from_free_space(maps, world, *near)
+    near = [_beside_only(maps.nodes, world, radius, circles) for circles in (meaningless, world.obstacles)]
+    return _from_free_space(maps, world, radius, *near)
 
 
-def side_match(maps: Maps, world: World) -> tuple[Floats, Floats]:
+def side_match(maps: Maps, world: Layout, radius: float) -> tuple[Floats, Floats]:
     """Distances of codes beside obstacles to codes beside the matching border side and beside the others (I-8b).
 
     Left of an obstacle the way to the right is blocked, as it is at the right border: those two sides match.
@@ -69,9 +70,9 @@ def side_match(maps: Maps, world: World) -> tuple[Floats, Floats]:
         those of the other sides; averaged over the nodes of a side, then over the sides; in standard deviations of
         the member's own map. Empty where fewer than two border sides or no obstacle side can be seen alone.
     """
-    possible = reachable(maps.nodes, world)
-    borders = {side: _beside_border(maps.nodes, world, side) & possible for side in DIRECTIONS}
-    obstacles = {side: _beside_obstacles(maps, world, side) & possible for side in DIRECTIONS}
+    possible = reachable(maps.nodes, world, radius)
+    borders = {side: _beside_border(maps.nodes, world, radius, side) & possible for side in DIRECTIONS}
+    obstacles = {side: _beside_obstacles(maps, world, radius, side) & possible for side in DIRECTIONS}
     centers = {s: maps.codes[:, mask].mean(axis=1, dtype=np.float64) for s, mask in borders.items() if mask.any()}
     sides = [side for side, mask in obstacles.items() if mask.any() and OPPOSITE[side] in centers]
     if len(centers) < 2 or not sides:
@@ -86,7 +87,7 @@ def side_match(maps: Maps, world: World) -> tuple[Floats, Floats]:
     return np.mean(matching, axis=0) / sd, np.mean(others, axis=0) / sd
 
 
-def look_difference(maps: Maps, world: World) -> Floats:
+def look_difference(maps: Maps, world: Layout, radius: float) -> Floats:
     """Distance between codes beside a lower obstacle and, at the same offsets, beside the upper one above it (III-3).
 
     Lower and upper are the halves of the arena; a pair has the same x and radius. Compared are the offsets at which
@@ -104,15 +105,15 @@ def look_difference(maps: Maps, world: World) -> Floats:
                 continue
             shift = round((above.y - below.y) / float(maps.y[1] - maps.y[0]))  # rows
             start, end = slice(num_rows - shift), slice(shift, num_rows)
-            both = _beside_only(nodes, world, [below])[start] & _beside_only(nodes, world, [above])[end]
+            both = _beside_only(nodes, world, radius, [below])[start] & _beside_only(nodes, world, radius, [above])[end]
             difference = maps.codes[:, end][:, both] - maps.codes[:, start][:, both]  # [M, nodes, C]
             distances.append(np.linalg.norm(difference, axis=-1))
     if not sum(distance.shape[1] for distance in distances):
         return np.empty(0)
-    return np.concatenate(distances, axis=1).mean(axis=1) / scale(maps.codes, reachable(nodes, world))
+    return np.concatenate(distances, axis=1).mean(axis=1) / scale(maps.codes, reachable(nodes, world, radius))
 
 
-def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tuple[Floats, Floats]:
+def separation(maps: Maps, world: Layout, radius: float, kind: str, others: Sequence[str]) -> tuple[Floats, Floats]:
     """How far a kind of place and another are apart, and how far their codes scatter (IV-4, V-5).
 
     Of several others it is the one that is least apart from the kind, measured by the scatter.
@@ -129,8 +130,8 @@ def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tu
         the other; and mean distance of a group's codes to the group's mean, of the kind that scatters more; averaged
         over the groups of a kind, in standard deviations of the member's own map. Empty where a kind has no node.
     """
-    possible = reachable(maps.nodes, world)
-    found = [[group & possible for group in _groups(maps.nodes, world, name)] for name in (kind, *others)]
+    possible = reachable(maps.nodes, world, radius)
+    found = [[group & possible for group in _groups(maps.nodes, world, radius, name)] for name in (kind, *others)]
     one, *rest = ([maps.codes[:, group] for group in groups if group.any()] for groups in found)
     if not one or not all(rest):
         return np.empty(0), np.empty(0)
@@ -141,17 +142,17 @@ def separation(maps: Maps, world: World, kind: str, others: Sequence[str]) -> tu
     return apart[least] / sd, scatter[least] / sd
 
 
-def _groups(nodes: Floats, world: World, kind: str) -> list[Mask]:
+def _groups(nodes: Floats, world: Layout, radius: float, kind: str) -> list[Mask]:
     """Groups of nodes `[Y, X]` of a kind of place, reachable or not, some of them perhaps empty."""
     if kind == "free space":
         return [sees_only(nodes, world, ())]
     if kind == "border":
-        return [_beside_border(nodes, world, side) for side in DIRECTIONS]
+        return [_beside_border(nodes, world, radius, side) for side in DIRECTIONS]
     circles = [circle for circle in world.circles if circle.effect == kind]
-    return [_any([_at(nodes, world, circle, side) for circle in circles], nodes) for side in DIRECTIONS]
+    return [_any([_at(nodes, world, radius, circle, side) for circle in circles], nodes) for side in DIRECTIONS]
 
 
-def _at(nodes: Floats, world: World, circle: Circle, side: str) -> Mask:
+def _at(nodes: Floats, world: Layout, radius: float, circle: Circle, side: str) -> Mask:
     """Nodes in the quarter to one side of a circle's centre where the vehicle sees nothing else.
 
     It overlaps the circle, or is beside it where that is an obstacle.
@@ -160,7 +161,7 @@ def _at(nodes: Floats, world: World, circle: Circle, side: str) -> Mask:
     offset = nodes - (circle.x, circle.y)
     quarter = sign * offset[..., axis] >= np.abs(offset[..., 1 - axis])
     distance = circle_distance(nodes, circle)
-    near = beside(distance, world) if circle.effect == "obstacle" else distance < world.vehicle_radius
+    near = beside(distance, radius) if circle.effect == "obstacle" else distance < radius
     return quarter & near & sees_only(nodes, world, (circle,))
 
 
@@ -181,9 +182,9 @@ def _center(codes: Floats) -> Floats:
     return codes.mean(axis=1, dtype=np.float64)
 
 
-def _from_free_space(maps: Maps, world: World, first: Mask, second: Mask) -> tuple[Floats, Floats]:
+def _from_free_space(maps: Maps, world: Layout, radius: float, first: Mask, second: Mask) -> tuple[Floats, Floats]:
     """`[M]` and `[M]`: mean distances of the codes at either nodes to the mean code of those that see nothing."""
-    possible = reachable(maps.nodes, world)
+    possible = reachable(maps.nodes, world, radius)
     free = possible & sees_only(maps.nodes, world, ())
     if not (first.any() and second.any() and free.any()):
         return np.empty(0), np.empty(0)
@@ -193,21 +194,21 @@ def _from_free_space(maps: Maps, world: World, first: Mask, second: Mask) -> tup
     return apart[:, first].mean(axis=1) / sd, apart[:, second].mean(axis=1) / sd
 
 
-def _beside_only(nodes: Floats, world: World, circles: Sequence[Circle]) -> Mask:
+def _beside_only(nodes: Floats, world: Layout, radius: float, circles: Sequence[Circle]) -> Mask:
     """Reachable nodes where the vehicle is beside one of `circles`, or overlaps it, and sees that one only."""
-    near = [beside(circle_distance(nodes, circle), world) & sees_only(nodes, world, (circle,)) for circle in circles]
-    return reachable(nodes, world) & _any(near, nodes)
+    near = [beside(circle_distance(nodes, circle), radius) & sees_only(nodes, world, (circle,)) for circle in circles]
+    return reachable(nodes, world, radius) & _any(near, nodes)
 
 
 def _any(masks: Sequence[Mask], nodes: Floats) -> Mask:
     return np.any([np.zeros(nodes.shape[:-1], dtype=bool), *masks], axis=0)
 
 
-def _beside_border(nodes: Floats, world: World, side: str) -> Mask:
-    return beside(border_distance(nodes, world, side), world) & sees_only(nodes, world, (side,))
+def _beside_border(nodes: Floats, world: Layout, radius: float, side: str) -> Mask:
+    return beside(border_distance(nodes, world, side), radius) & sees_only(nodes, world, (side,))
 
 
-def _beside_obstacles(maps: Maps, world: World, side: str) -> Mask:
+def _beside_obstacles(maps: Maps, world: Layout, radius: float, side: str) -> Mask:
     """Nodes outward of an obstacle's centre along one axis, beside it, and seeing nothing but it."""
     axis, sign = DIRECTIONS[side]
     nodes, spacing = maps.nodes, float(maps.x[1] - maps.x[0])
@@ -215,6 +216,16 @@ def _beside_obstacles(maps: Maps, world: World, side: str) -> Mask:
     for circle in world.obstacles:
         offset = nodes - (circle.x, circle.y)
         on_axis = (np.abs(offset[..., 1 - axis]) <= spacing / 2 + EPSILON) & (sign * offset[..., axis] > 0)
-        near = beside(circle_distance(nodes, circle), world)
+        near = beside(circle_distance(nodes, circle), radius)
         mask |= on_axis & near & sees_only(nodes, world, (circle,))
     return mask
+
+
+def scale(codes: Floats, possible: Mask) -> Floats:
+    """`[M]` standard deviation of each member's reachable codes (root mean square distance to their mean).
+
+    A constant map has none; 1 keeps its distances of zero at zero.
+    """
+    sample = codes[:, possible].astype(np.float64)  # [M, nodes, C]
+    spread = np.sqrt(sample.var(axis=1).sum(axis=-1))
+    return np.where(spread > rounding(sample), spread, 1.0)

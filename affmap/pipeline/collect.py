@@ -8,6 +8,7 @@ from affmap.config.root import Config
 from affmap.data.collect import collect, coverage
 from affmap.pipeline.progress import track
 from affmap.pipeline.stage import StageDefinition
+from affmap.results.files import write_coverage
 from affmap.store.attempt import Attempt
 
 log = logging.getLogger("affmap")
@@ -26,7 +27,5 @@ def make_data(config: Config, attempt: Attempt) -> None:
     np.savez_compressed(attempt.folder / DATASET, allow_pickle=False, **arrays)
     parts = arrays["true_position"].reshape(len(layouts), num_sequences, -1, 2)
     covered = [coverage(layout, config.vehicle, part) for layout, part in zip(layouts, parts, strict=True)]
-    stacked = {key: np.stack([part[key] for part in covered]) for key in covered[0]}
-    np.savez_compressed(attempt.folder / "coverage.npz", allow_pickle=False, **stacked)
-    share = 100 * stacked["coverage"].min()
+    share = 100 * write_coverage(attempt.folder, covered).coverage.min()
     log.info("exploration of %s: %.1f %% of the free squares visited, or more", names, share)

@@ -3,29 +3,22 @@
 import shlex
 from typing import NamedTuple
 
+from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import find, stages
-from affmap.results.files import Job
-from affmap.results.tables import Results, join
+from affmap.results.provenance import leaves
+from affmap.results.setting import Setting, Value
+from affmap.results.tables import join
 from affmap.settings.messages import ConfigError
 
 
 class Completed(NamedTuple):
     """The completed settings of a sweep."""
 
-    jobs: tuple[Job, ...]
-    growth: Job | None
+    settings: tuple[Setting, ...]
+    growth: Setting | None
     missing: str
     """A sentence about what is not complete; empty if all is."""
-
-    @property
-    def results(self) -> Results:
-        """All of it, for a report.
-
-        Raises:
-            ConfigError: settings differ in more than a report tells apart.
-        """
-        return Results(self.jobs, self.growth)
 
 
 def completed(sweep: Sweep) -> Completed:
@@ -36,17 +29,43 @@ def completed(sweep: Sweep) -> Completed:
         StoreError: a file is damaged.
     """
     growth = sweep.growth()
-    jobs = [find(config) for config in sweep.configs]
+    settings = [find(config, values) for config, values in zip(sweep.configs, _values(sweep), strict=True)]
     grown = find(growth.first) if growth else None
-    missing = [label for label, job in zip(sweep.labels, jobs, strict=True) if job is None]
+    missing = [label for label, setting in zip(sweep.labels, settings, strict=True) if setting is None]
     if growth and grown is None:
         missing.append(growth.first.name)
-    count = len(jobs) + (growth is not None)
+    count = len(settings) + (growth is not None)
     sentence = f"{len(missing)} of {count} settings are not complete ({'; '.join(missing)})" if missing else ""
-    complete = [job for job in jobs if job]
+    complete = [setting for setting in settings if setting]
     if missing and not (sweep.first.report.partial and complete):
         raise ConfigError(f"{sentence}; run `affmap {shlex.join(sweep.overrides)}` first.")
     return Completed(join(complete), grown, sentence)
+
+
+def _values(sweep: Sweep) -> list[dict[str, Value]]:
+    """The values of the keys that each job of a sweep varies: as the configuration has them, else as they were given.
+
+    A group is told by the name or kind inside it, where that tells its files apart, else by the name of its file.
+    """
+    keys = [key for key in sweep.swept[0] if key not in ("seed", "members")]  # parts of a setting
+    every: list[dict[str, Value]] = [{} for _ in sweep.configs]
+    for key in keys:
+        given: list[Value] = [swept[key] for swept in sweep.swept]
+        found = [_value(config, key) for config in sweep.configs]
+        values = found if None not in found and len(set(found)) == len(set(given)) else given
+        for each, value in zip(every, values, strict=True):
+            assert value is not None
+            each[key] = value
+    return every
+
+
+def _value(config: Config, key: str) -> Value | None:
+    """The value of a dotted key; of a group with a name or a kind, that; None for another group."""
+    values = leaves(config.complete())
+    value = next((values[known] for known in (key, f"{key}.name", f"{key}.kind") if known in values), None)
+    if isinstance(value, list):
+        return ", ".join(str(each.get("name", each)) if isinstance(each, dict) else str(each) for each in value)
+    return value
 
 
 def digests(sweep: Sweep) -> set[str]:

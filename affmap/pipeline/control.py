@@ -1,6 +1,5 @@
 """The stage `control`: goal-directed runs."""
 
-import json
 from collections.abc import Sequence
 from itertools import repeat
 from pathlib import Path
@@ -19,7 +18,7 @@ from affmap.pipeline.progress import track
 from affmap.pipeline.stage import StageDefinition
 from affmap.pipeline.train import TRAIN, trained
 from affmap.random import generator
-from affmap.results.tables import LAYOUTS
+from affmap.results.files import write_layouts, write_runs, write_trajectories
 from affmap.store.attempt import Attempt
 
 CONTROL = StageDefinition("control", ("models", "lookup", "planner", "control", "control_layout"), needs=TRAIN)
@@ -48,9 +47,9 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
     runs.table["crossable"] = [crossable(*run) for run in zip(flown, repeat(config.vehicle), starts, goals)]
     runs.table["lookup_error"] = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
-    runs.table.to_csv(attempt.folder / "runs.csv", index=False, float_format="%.6f")
-    np.savez_compressed(attempt.folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
-    (attempt.folder / LAYOUTS).write_text(json.dumps([layout.model_dump(mode="json") for layout in flown]), "utf-8")
+    write_runs(attempt.folder, runs.table)
+    write_trajectories(attempt.folder, runs.trajectories)
+    write_layouts(attempt.folder, flown)
 
 
 def _layouts(config: Config) -> list[Layout]:

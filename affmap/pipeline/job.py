@@ -1,14 +1,14 @@
 """The stages of a job, in order; each is skipped where it is complete. Knows no command lines."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
-import pandas as pd
 import torch
 
 from affmap.config.root import Config, label
@@ -16,12 +16,12 @@ from affmap.pipeline.collect import DATA, make_data
 from affmap.pipeline.control import CONTROL, make_runs
 from affmap.pipeline.paint import MAP, make_maps
 from affmap.pipeline.train import TRAIN, make_models
-from affmap.results.files import Job
+from affmap.results import files
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
 from affmap.settings.messages import ConfigError
 from affmap.store.provenance import canonical
 from affmap.store.stage import Stage
 from affmap.store.store import Store
-from affmap.training.settings import VALIDATION
 
 log = logging.getLogger("affmap")
 
@@ -42,8 +42,12 @@ def is_complete(config: Config) -> bool:
     return all(store.has(stage) for stage in stages(config))
 
 
-def find(config: Config) -> Job | None:
-    """Where the stages of a job are, or None if one is not complete.
+def find(config: Config, values: Mapping[str, Value] = MappingProxyType({})) -> Setting | None:
+    """The stages of a job as a setting, or None if one is not complete.
+
+    Args:
+        config: of the job.
+        values: those of the keys that its sweep varies, beside context size, planner and layout.
 
     Raises:
         StoreError: a file is damaged, or other versions of packages have made a stage.
@@ -51,16 +55,20 @@ def find(config: Config) -> Job | None:
     store = open_store(config)
     folders = [store.find(stage) for stage in stages(config)]
     complete = [folder for folder in folders if folder]
-    return _job(config, *complete) if len(complete) == len(folders) else None
+    return _setting(config, complete, values) if len(complete) == len(folders) else None
 
 
-def _job(config: Config, *folders: Path) -> Job:
-    each = [(folder,) for folder in folders]
-    return Job(config.model.context_size, config.planner.kind, config.control_layout.name, *each)
+def _setting(config: Config, folders: Sequence[Path], values: Mapping[str, Value] = MappingProxyType({})) -> Setting:
+    always: dict[str, Value] = {
+        CONTEXT_SIZE.key: config.model.context_size,
+        PLANNER.key: config.planner.kind,
+        LAYOUT.key: config.control_layout.name,
+    }
+    return Setting({**always, **values}, {name: (folder,) for name, folder in zip(STAGES, folders, strict=True)})
 
 
-def run(config: Config) -> Job:
-    """Bring all stages of a job to completion; returns where they are.
+def run(config: Config) -> Setting:
+    """Bring all stages of a job to completion; returns them as a setting.
 
     Raises:
         ConfigError: there are no models for it, or models of several trials; or a package is missing.
@@ -73,7 +81,7 @@ def run(config: Config) -> Job:
     painted = store.ensure(MAP.of(config), lambda attempt: make_maps(config, train, attempt))
     controlled = store.ensure(CONTROL.of(config), lambda attempt: make_runs(config, train, attempt))
     log.info("%s: complete", label(config))
-    return _job(config, data, train, painted, controlled)
+    return _setting(config, (data, train, painted, controlled))
 
 
 def validation(config: Config) -> np.ndarray:
@@ -88,7 +96,7 @@ def validation(config: Config) -> np.ndarray:
     check_models(config)
     check_logger(config)
     _, train = _models(config, open_store(config))
-    table = pd.read_csv(train / VALIDATION).query(f"epoch == {config.training.num_epochs}")
+    table = files.read_validation(train).query(f"epoch == {config.training.num_epochs}")
     losses = table["validation_nll"].to_numpy().reshape(-1, config.members)
     return np.median(losses, axis=1)
 
@@ -105,8 +113,8 @@ def score(config: Config) -> float | list[float]:
     if config.objective == "validation_nll":
         values = validation(config)
         return values.tolist() if config.training.num_trials else float(values[0])
-    runs = pd.read_csv(run(config).control[0] / "runs.csv")
-    return float(runs[config.objective].mean())
+    objective, (folder,) = str(config.objective), run(config).control
+    return float(files.read_runs(folder, [objective])[objective].mean())
 
 
 def _models(config: Config, store: Store) -> tuple[Path, Path]:

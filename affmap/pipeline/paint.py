@@ -10,6 +10,7 @@ from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, restore
 from affmap.pipeline.stage import StageDefinition
 from affmap.pipeline.train import TRAIN, trained, untrained
+from affmap.results.files import Maps, write_maps
 from affmap.store.attempt import Attempt
 
 MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
@@ -21,9 +22,7 @@ def make_maps(config: Config, train: Path, attempt: Attempt) -> None:
     codes = _codes(config, trained(config, train))
     _, rows, columns, _ = codes.shape
     width, height = config.map_layout.size
-    np.savez_compressed(
-        attempt.folder / "maps.npz",
-        allow_pickle=False,
+    maps = Maps(
         codes=codes,
         initial_codes=_codes(config, untrained(config)),
         snapshot_codes=np.array([_codes(config, restore(untrained(config), path)) for path in snapshots]),
@@ -32,6 +31,7 @@ def make_maps(config: Config, train: Path, attempt: Attempt) -> None:
         y=np.linspace(0, height, rows),
         member=np.array(config.seeds),
     )
+    write_maps(attempt.folder, maps)
 
 
 def _codes(config: Config, stack: Stack) -> np.ndarray:

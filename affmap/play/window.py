@@ -16,6 +16,7 @@ from affmap.env.body import THROTTLES
 from affmap.env.rendering import BLACK, PLAN, WHITE, Canvas, Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.play.game import BETAS, LOOKUPS, Game
+from affmap.results.setting import PLANNERS
 from affmap.settings import ConfigError
 
 SCALE = 300  # pixels a unit
@@ -34,10 +35,6 @@ HELP = "click: goal   drag a circle: move it   arrows: fly by hand   enter: the 
 
 
 T = TypeVar("T")
-
-
-NAMES = {"cem": "evolutionary (CEM)", "gradient": "gradient-based"}
-"""Planner -> what it is called; others keep their own names."""
 
 
 class Held(NamedTuple):
@@ -185,12 +182,16 @@ class Window:
 
     def _panel(self, left: int) -> None:
         game, setting = self.game, self.game.setting
+        planner = PLANNERS[setting.planner].method if setting.planner in PLANNERS else setting.planner
         flown = "by hand" if game.by_hand else "by the agent"
         state = "paused" if self.paused else f"flown {flown}"
         lines = [
             (f"{state}, {game.distance:.2f} u to the goal", BLACK),
             (f"C   context code: {setting.context_size or 'none'}", PLAN),
-            (f"P   planner: {NAMES.get(setting.planner, setting.planner)}", PLAN),
+            (
+                f"P   planner: {planner}",
+                PLAN,
+            ),
             (f"B   beta, weight on uncertainty: {setting.beta:g}", PLAN),
             (f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}", PLAN),
             (f"W   world: {game.world}", PLAN),

@@ -9,11 +9,13 @@ import pandas as pd
 from affmap.report.drawing.arena import CELL, NUM_DEVIATIONS
 from affmap.report.drawing.colors import make_groups, readable
 from affmap.report.figures import pictures
+from affmap.report.figures.numbers import shown_outcomes
 from affmap.report.sentences import verdicts
 from affmap.results import examples, failures
 from affmap.results.claims import Score
+from affmap.results.metrics import METRICS
 from affmap.results.numbers import listed, number, span
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import CONTEXT_SIZE, PLANNERS, ReportSettings, Value
 from affmap.results.tables import Results
 
 PAPER_FIGURES = {"exp1": 4, "exp2": 7, "exp3": 9, "exp4": 10, "exp5": 11}
@@ -95,40 +97,42 @@ def _results(results: Results, scores: Sequence[Score], settings: ReportSettings
 
 
 def _per_box(results: Results, settings: ReportSettings) -> str:
-    return span(results.runs.groupby(["context_size", make_groups(results, settings).column]).size())
+    return span(results.runs.groupby([results.x.column, make_groups(results, settings).column]).size())
 
 
 def _trajectories(results: Results, settings: ReportSettings) -> str:
     stories = []
-    fog = any(failures.has_fog(results, job) for job in results.jobs)
-    for layout in results.layouts:
-        where = f"{readable(layout, settings)}, " if len(results.layouts) > 1 else ""
-        for example in examples.choose_examples(results, layout):
+    fog = any(failures.has_fog(results, job) for job in results.settings)
+    rows = examples.rows(results)
+    for values in rows:
+        where = f"{pictures.row_name(results, values, settings)}, " if len(rows) > 1 else ""
+        for example in examples.choose_examples(results, values):
+            value = results.x.format(example.setting.values[results.x.key])
             run = _row(results, example)
             end = (
                 f"reaches the goal after {run['steps_to_reach']} steps" if run["reached"] else "never reaches the goal"
             )
             in_fog = f", is in fog in {run['steps_in_fog']}" if fog else ""
             stories.append(
-                f"{where}C = {example.job.context_size} (member {example.member}, run {example.run}): touches a "
+                f"{where}{value} (member {example.member}, run {example.run}): touches a "
                 f"surface in {run['steps_touching']} steps{in_fog}, {end}, mean distance "
                 f"{number(run['mean_distance'])} u"
             )
     noise = " Inside fog a plan starts at the noisy position that the vehicle reports." if fog else ""
     planner = results.planners[0]
-    kind = {"cem": "evolutionary-based", "gradient": "gradient-based"}.get(planner, planner)
+    kind = PLANNERS[planner].method if planner in PLANNERS else planner
     paper = "As the paper's Figure 5. " if settings.claims == "exp1" else ""
     return (
         f"{paper}One moment of a run with {kind} planning. Shown are not the best runs but, by a rule: "
-        f"{examples.EXAMPLE_RULE}. {'; '.join(stories)}. Blue circles: {NUM_DEVIATIONS} standard deviations of the "
-        f"predicted positions along the plan. Numbers are those of whole runs.{noise}"
+        f"{examples.example_rule(results)}. {'; '.join(stories)}. Blue circles: {NUM_DEVIATIONS} standard deviations "
+        f"of the predicted positions along the plan. Numbers are those of whole runs.{noise}"
     )
 
 
 def _row(results: Results, example: examples.Example) -> "pd.Series[Any]":
     """The row of an example in the table of runs."""
-    keys = {"member": example.member, "run": example.run}
-    keys |= {key: getattr(example.job, key) for key in ("context_size", "planner", "layout")}
+    keys: dict[str, Value] = {"member": example.member, "run": example.run}
+    keys |= {factor.column: example.setting.values[factor.key] for factor in results.factors}
     chosen = np.all([results.runs[key] == value for key, value in keys.items()], axis=0)
     return results.runs[chosen].iloc[0]
 
@@ -136,12 +140,13 @@ def _row(results: Results, example: examples.Example) -> "pd.Series[Any]":
 def _maps(results: Results, settings: ReportSettings) -> str:
     size = pictures.map_size(results)
     parts = pictures.painted(results, size) if size else []
-    trainings = len({part.job.train for part in parts})
+    trainings = len({part.setting.train for part in parts})
     basis = "Every map has its own colours: they can be compared within a map, not between maps"
     if trainings < len(parts):
         basis = "Maps of one member in several worlds share their colours; others cannot be compared"
+    each = f", and of one member at each {results.x.label}" if results.x == CONTEXT_SIZE or len(parts) > 1 else ""
     return (
-        f"Affordance maps of several members at context size {size}, and of one member at each context size. {basis}, "
+        f"Affordance maps of several members at context size {size}{each}. {basis}, "
         f"because codes of different members and sizes mean different things. {_COLORS}"
     )
 
@@ -158,13 +163,15 @@ def _exploration(results: Results, settings: ReportSettings) -> str:
 
 def _outcomes(results: Results, settings: ReportSettings) -> str:
     groups = make_groups(results, settings)
-    shares = results.runs.groupby([groups.column, "context_size"])["reached"].mean()
+    shares = results.runs.groupby([groups.column, results.x.column], sort=False)["reached"].mean()
     parts = []
     for value, name in groups.names.items():
         values = shares[value]
-        ends = [f"{values[size]:.0%} of the runs at C = {size}" for size in (values.index[0], values.index[-1])]
+        first, last = values.index[0], values.index[-1]
+        ends = [f"{values[value]:.0%} of the runs at {results.x.format(value)}" for value in (first, last)]
         parts.append(f"{name} {' and '.join(dict.fromkeys(ends))}")
-    more = " (C) Mean distance to the goal." if settings.outcome != "mean_distance" else ""
+    letters = zip("CDEFGHIJKLMNOPQRSTUVWXYZ", shown_outcomes(settings), strict=False)
+    more = "".join(f" ({letter}) {METRICS[metric].label.capitalize()}." for letter, metric in letters)
     return (
         "(A) Share of runs that reached the goal, whatever they touched, with 95 % bootstrap intervals over members: "
         f"{'; '.join(parts)}. (B) Steps of a run in which the vehicle touched an obstacle or a border.{more} The paper "
@@ -174,7 +181,7 @@ def _outcomes(results: Results, settings: ReportSettings) -> str:
 
 def _failures(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
-    if any(len(set(results.worlds(job))) > 1 for job in results.jobs):
+    if any(len(set(results.worlds(job))) > 1 for job in results.settings):
         others = (
             "Middle: of the runs that never arrived, whether they touched fog or not, what the vehicle was nearest to "
             "at its end, or deepest inside of. Right: median prediction error of single steps, by the number of "

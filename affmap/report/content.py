@@ -3,15 +3,14 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from affmap.report import blocks, sentences
+from affmap.report import blocks, build, sentences
 from affmap.report.blocks import Block
-from affmap.report.drawing.colors import readable
+from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance, scores
 from affmap.results.claims import Score
-from affmap.results.files import PLANNERS
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number, p_value, span
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import LAYOUT, PLANNER, PLANNERS, Factor, ReportSettings
 from affmap.results.statistics import LEVEL
 from affmap.results.tables import Results
 
@@ -75,27 +74,42 @@ def tests(scores: Sequence[Score], results: Results) -> list[Block]:
 
 def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
     """The middle of each setting's results beside the paper's axes."""
-    header = ["", "Planner", "Layout", "Values", *(f"C = {size}" for size in results.context_sizes), "Paper's axis"]
+    own = _own_factor(results)
+    values = [results.x.format(value) for value in results.x_values]
+    header = ["", "Planner", "Layout", *([own.label.capitalize()] if own else []), "Values", *values, "Paper's axis"]
     title = "Medians, means and the paper's axes" if settings.outcome == "success" else "Medians and the paper's axes"
     return [blocks.heading(title, level), blocks.table(header, _median_rows(results, settings))]
 
 
+def _own_factor(results: Results) -> Factor | None:
+    """The factor that colours tell apart where it is neither planner, nor layout."""
+    return None if results.color in (PLANNER, LAYOUT) else results.color
+
+
 def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
-    """One row per metric, planner and layout, one column per context size; a star where it is outside the axis."""
+    """One row per metric, planner and layout, one column per x value; a star where it is outside the paper's axis."""
     table = scores.medians(results, settings)
     outside = table["paper_low"].notna() & ~table["inside"].fillna(True).astype(bool)
     table["shown"] = table["center"].map(number) + outside.map({True: " *", False: ""})
-    table = table.fillna({"planner": "", "layout": ""})
+    own = _own_factor(results)
+    keys = ["planner", "layout", *([own.column] if own else [])]
+    table = table.astype(dict.fromkeys(keys, object)).fillna(dict.fromkeys(keys, ""))
     rows = []
-    for _, group in table.groupby(["metric", "planner", "layout"], sort=False):
+    for _, group in table.groupby(["metric", *keys], sort=False):
         first = group.iloc[0]
         label = f"{first['statistic']} {METRICS[first['metric']].name} ({first['unit']})"
-        centers = group.set_index("context_size")["shown"].reindex(results.context_sizes, fill_value=NOTHING)
-        planner = PLANNERS.get(first["planner"], first["planner"]) or NOTHING
+        known = group[results.x.column].notna() & (group[results.x.column] != "")
+        if known.all():
+            centers = [*group.set_index(results.x.column)["shown"].reindex(results.x_values, fill_value=NOTHING)]
+        else:  # of trainings that all of the x axis shares
+            centers = [first["shown"]] * len(results.x_values)
+        planner = PLANNERS[first["planner"]].short if first["planner"] in PLANNERS else first["planner"] or NOTHING
         layout = readable(first["layout"], settings) if first["layout"] else NOTHING
-        known = group["paper_low"].notna().all()
-        axis = f"{number(first['paper_low'], 1)} to {number(first['paper_high'], 1)}" if known else NOTHING
-        rows.append([label, planner, layout, span(group["number"]), *centers, axis])
+        value = [name_of(own, first[own.column], settings) if first[own.column] != "" else NOTHING] if own else []
+        axis = NOTHING
+        if group["paper_low"].notna().all():
+            axis = f"{number(first['paper_low'], 1)} to {number(first['paper_high'], 1)}"
+        rows.append([label, planner, layout, *value, span(group["number"]), *centers, axis])
     return rows
 
 
@@ -126,14 +140,9 @@ def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
 
 def claims_markdown(rows: Sequence[Mapping[str, str]]) -> str:
     """Rows of claims, as `claim_rows` makes them, as a Markdown table."""
-    lines = [
-        "| claim | statement | effect [95 % interval] | p | p opposite | verdict |",
-        "|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        cells = (row[key] for key in ("name", "statement", "effect", "p", "opposite", "verdict"))
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    heads = ["claim", "statement", "effect [95 % interval]", "p", "p opposite", "verdict"]
+    keys = ("name", "statement", "effect", "p", "opposite", "verdict")
+    return build.markdown_table(heads, [[row[key] for key in keys] for row in rows])
 
 
 def origins(records: Sequence[Mapping[str, Any]], command: str) -> Block:

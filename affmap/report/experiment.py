@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from affmap.report import blocks, build, captions, content, figures, page
-from affmap.report.drawing.colors import make_groups
 from affmap.report.explorer.maps import explorer
 from affmap.report.player.runs import player
 from affmap.results import provenance
@@ -24,7 +23,7 @@ class ExperimentReport:
     """The report of an experiment: PDF, HTML, figures and tables.
 
     Raises:
-        ConfigError: there are several planners and several layouts.
+        ConfigError: settings differ in more than two keys.
     """
 
     output: Path
@@ -41,7 +40,7 @@ class ExperimentReport:
     """A warning to the reader on every figure and page, such as that of a smoke run; or None."""
 
     def __post_init__(self) -> None:
-        make_groups(self.results, self.settings)  # refuses what cannot be told apart, before anything is written
+        self.results.check_factors()  # before anything is written
 
     @property
     def record(self) -> dict[str, Any]:
@@ -52,7 +51,7 @@ class ExperimentReport:
             "notice": self.notice,
             "report": self.command,
             "settings": {name: getattr(self.settings, name) for name in sorted(ReportSettings.model_fields)},
-            **provenance.summarize(self.results.jobs, self.results.provenance),
+            **provenance.summarize(self.results.settings, self.results.provenance),
         }
 
     @property

@@ -2,16 +2,14 @@
 
 from collections.abc import Sequence
 
-from affmap.report.drawing.colors import make_groups, readable
+from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, listed, number, span
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings
 from affmap.results.statistics import Outcome, Verdict
 from affmap.results.tables import Results
-
-_PLANNER_NAMES = {"cem": "EB (evolutionary-based)", "gradient": "GB (gradient-based)"}
 
 _COUNTS = {
     Verdict.HOLDS: ("holds", "hold"),
@@ -51,18 +49,21 @@ def verdict_count(scores: Sequence[Score], about: str = "this experiment") -> st
 
 
 def changes(results: Results, settings: ReportSettings) -> list[str]:
-    """What is typical at the smallest and the largest context size, a sentence per metric and planner or layout."""
-    groups = make_groups(results, settings)
+    """Typical values at either end of the x axis, a sentence per metric and value that colours tell apart."""
     sentences = []
     for metric in ("validation_nll", "prediction_error", settings.outcome):
-        table = results.last_epoch if metric == "validation_nll" else results.runs
-        column = "layout" if metric == "validation_nll" else groups.column
-        values = {"layout": results.layouts, "planner": results.planners}[column]
-        for value in (value for value in values if value in set(table[column])):
-            scores = table[table[column] == value].astype({metric: float}).groupby("context_size")[metric]
+        trained = metric == "validation_nll"
+        table = results.last_epoch if trained else results.runs
+        factor = LAYOUT if trained and results.color.column not in results.trainings else results.color
+        x = CONTEXT_SIZE if trained and results.x.column not in results.trainings else results.x
+        values = results.layouts if factor == LAYOUT else results.color_values
+        for value in (value for value in values if value in set(table[factor.column])):
+            scores = table[table[factor.column] == value].astype({metric: float}).groupby(x.column, sort=False)[metric]
             centers = scores.mean() if metric == "success" else scores.median()
-            ends = [f"{number(centers[size])} {METRICS[metric].unit} at C = {size}" for size in centers.index[[0, -1]]]
-            who = f" ({readable(value, settings)})" if table[column].nunique() > 1 else ""
+            ends = [
+                f"{number(centers[end])} {METRICS[metric].unit} at {x.format(end)}" for end in centers.index[[0, -1]]
+            ]
+            who = f" ({name_of(factor, value, settings)})" if table[factor.column].nunique() > 1 else ""
             kind = "Share of successful runs" if metric == "success" else f"Median {METRICS[metric].name}"
             sentences.append(f"{kind}{who}: {', '.join(dict.fromkeys(ends))}.".replace(" share at", " at"))
     return sentences
@@ -81,7 +82,7 @@ def findings(scores: Sequence[Score]) -> list[str]:
 
 def spikes(results: Results, height: float = 2.0) -> str:
     """How smooth the curves are: member-epochs whose validation loss stands out from their neighbours'."""
-    training = ["layout", "context_size"]
+    training = results.trainings
     table = results.validation.sort_values([*training, "member", "epoch"])
     around = table.groupby([*training, "member"])["validation_nll"].transform(
         lambda losses: losses.rolling(7, center=True, min_periods=1).median()
@@ -116,17 +117,28 @@ def setting(results: Results) -> str:
     members = results.last_epoch.groupby("context_size")["member"].nunique()
     epochs = span(results.last_epoch["epoch"].unique())
     sizes = ", ".join(map(str, results.context_sizes))
-    planners = " and ".join(_PLANNER_NAMES.get(planner, planner) for planner in results.planners)
-    worlds = dict.fromkeys(world.name for job in results.jobs for world in results.training_worlds(job))
+    planners = " and ".join(_planner(kind) for kind in results.planners)
+    others = [
+        f"{factor.label} {', '.join(str(value) for value in values)}; "
+        for factor, values in ((results.x, results.x_values), (results.color, results.color_values))
+        if factor not in (CONTEXT_SIZE, PLANNER, LAYOUT)
+    ]
+    worlds = dict.fromkeys(world.name for job in results.settings for world in results.training_worlds(job))
     memory = max(record["peak_memory_mib"] for record in results.provenance.values())
     seconds = sum(cost.seconds for cost in provenance.costs([results])[0])
     return (
-        f"Context sizes {sizes}; {span(members)} members each, trained for {epochs} epochs in {_quoted(list(worlds))}; "
-        f"planners: {planners}; {len(results.runs)} runs of control in total, in {_quoted(results.layouts)}. All "
+        f"Context sizes {sizes}; {''.join(others)}{span(members)} members each, trained for {epochs} epochs in "
+        f"{_quoted(list(worlds))}; planners: {planners}; {len(results.runs)} runs of control in total, in "
+        f"{_quoted(results.layouts)}. All "
         "stages together, those shared with other experiments included, took "
         f"{number(seconds / 60, 1)} process minutes, all attempts together; the largest process used "
         f"{number(memory, 0)} MiB."
     )
+
+
+def _planner(kind: str) -> str:
+    """A planner with its method."""
+    return f"{PLANNERS[kind].short} ({PLANNERS[kind].method})" if kind in PLANNERS else kind
 
 
 def _quoted(names: Sequence[str]) -> str:

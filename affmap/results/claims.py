@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from affmap.env.layout import Layout
 from affmap.results import statistics
-from affmap.results.files import Floats, Maps, World
+from affmap.results.files import Floats, Maps
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number, p_value
 from affmap.results.statistics import Direction, Order, Outcome, Verdict
@@ -24,8 +25,8 @@ SIGNED_RANK, TREND = "Wilcoxon signed-rank", "Page's trend test"
 NOWHERE = statistics.undecided(SIGNED_RANK, 0, "this world has no place where the parts can be seen alone")
 NO_CONTEXT = statistics.undecided(SIGNED_RANK, 0, "needs a context size above 0")
 
-Contrast = Callable[[Maps, World], tuple[Floats, Floats]]
-"""Two distances `[M]` in affordance maps."""
+Contrast = Callable[[Maps, Layout, float], tuple[Floats, Floats]]
+"""Two distances `[M]` in affordance maps of a layout, for a vehicle of a radius (u)."""
 
 Test = Callable[[NDArray[np.floating], NDArray[np.floating]], Outcome]
 """Of two scores `[M]`."""
@@ -79,11 +80,12 @@ class Pair(NamedTuple):
 
 
 class Painted(NamedTuple):
-    """Maps of a context size, and their world."""
+    """Maps of a context size, their layout, and the radius of the vehicle (u)."""
 
     context_size: int
     maps: Maps
-    world: World
+    world: Layout
+    radius: float
 
 
 def flown(results: Results, layout: str | None = None, planner: str = "cem") -> pd.DataFrame:
@@ -139,9 +141,9 @@ def largest_maps(results: Results, layout: str | None = None) -> Painted | None:
     if not painted:
         return None
     size = max(painted)
-    job = results.job(size, layout=layout)
+    job = results.setting(size, layout=layout)
     assert job is not None  # there are maps of it
-    return Painted(size, painted[size], results.map_world(job))
+    return Painted(size, painted[size], results.map_world(job), results.vehicle_radius(job))
 
 
 def encoded(
@@ -150,8 +152,9 @@ def encoded(
     """Two parts: a contrast between distances in trained maps, and whether it is more than in untrained ones."""
     size, outcome, learned = 0, NO_CONTEXT, NO_CONTEXT
     if painted is not None:
-        size, maps, world = painted
-        outcome, learned = contrasts(contrast(maps, world), contrast(maps.untrained, world), order)
+        size, maps, world, radius = painted
+        trained, untrained = (contrast(each, world, radius) for each in (maps, maps.untrained))
+        outcome, learned = contrasts(trained, untrained, order)
     again = f"{statement.removesuffix('.')}: more so than in the same member's map before training."
     return [
         Criterion(name, f"{effect_of}, C = {size}", "sd", outcome, statement),

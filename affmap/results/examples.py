@@ -1,24 +1,28 @@
 """Which runs and moments are shown: chosen by a rule, because the best ones would say little."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from affmap.results.files import Job, Trajectories
+from affmap.results.files import Trajectories
+from affmap.results.setting import LAYOUT, PLANNER, Setting, Value
 from affmap.results.tables import Results
 
-EXAMPLE_RULE = (
-    "the first member, of its runs in a layout the one whose mean distance to the goal, averaged over the context "
-    "sizes shown, is the lower median, and the first step at which at most half of the initial distance is left (where "
-    "that never happens: the step that comes closest)"
-)
-"""How the runs and moments that are shown are chosen."""
+
+def example_rule(results: Results) -> str:
+    """The rule by which runs and moments are chosen, as part of a sentence."""
+    return (
+        "the first member, of its runs in a layout the one whose mean distance to the goal, averaged over the "
+        f"{results.x.label}s shown, is the lower median, and the first step at which at most half of the initial "
+        "distance is left (where that never happens: the step that comes closest)"
+    )
 
 
 class Example(NamedTuple):
-    """A run of one setting, chosen by `EXAMPLE_RULE`."""
+    """A run of one setting, chosen by `example_rule`."""
 
-    job: Job
+    setting: Setting
     member: int
     run: int
     problem: int
@@ -27,22 +31,35 @@ class Example(NamedTuple):
     paths: Trajectories
 
 
-def choose_examples(results: Results, layout: str) -> list[Example]:
-    """The runs in a layout that are shown, by `EXAMPLE_RULE`; of EB, or of GB where that alone was run."""
-    planner = results.planners[0]
+def rows(results: Results) -> list[dict[str, Value]]:
+    """The values that the settings of a row of pictures have in common, of the first planner (EB where it was run).
+
+    A row is a layout or, where colours tell another key apart, a value of that.
+    """
+    first = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0]}
+    key = LAYOUT.key if results.color == PLANNER else results.color.key
+    values = results.layouts if key == LAYOUT.key else results.color_values
+    return [{**first, key: value} for value in values]
+
+
+def choose_examples(results: Results, row: Mapping[str, Value]) -> list[Example]:
+    """The runs of a row of `rows` that are shown, by `example_rule`."""
+    layout = str(row[LAYOUT.key])
     run = middle_runs(results, layout)[0]
+    ends = _ends(results, layout)
     examples = []
-    for job in filter(None, (results.job(size, planner, layout) for size in _sizes(results, layout))):
-        paths = results.trajectories(job)
-        member, index = first_member(paths, run)
-        examples.append(Example(job, member, run, index, half_way(paths, index), paths))
-    return examples
+    for setting in results.where(row):
+        if setting.values[results.x.key] in ends:
+            paths = results.trajectories(setting)
+            member, index = first_member(paths, run)
+            examples.append(Example(setting, member, run, index, half_way(paths, index), paths))
+    return sorted(examples, key=lambda example: results.x_values.index(example.setting.values[results.x.key]))
 
 
 def middle_runs(results: Results, layout: str) -> list[int]:
-    """Numbers of the first member's runs in a layout: the one that `EXAMPLE_RULE` chooses, then its next in rank."""
+    """Numbers of the first member's runs in a layout: the one that `example_rule` chooses, then its next in rank."""
     runs = results.runs[(results.runs["planner"] == results.planners[0]) & (results.runs["layout"] == layout)]
-    runs = runs[runs["context_size"].isin(_sizes(results, layout)) & (runs["member"] == runs["member"].min())]
+    runs = runs[runs[results.x.column].isin(_ends(results, layout)) & (runs["member"] == runs["member"].min())]
     distances = runs.groupby("run")["mean_distance"].mean().sort_values(kind="stable")
     away = np.abs(np.arange(len(distances)) - (len(distances) - 1) // 2)  # ranks from the lower median
     return [int(distances.index[rank]) for rank in np.argsort(away, kind="stable")]
@@ -62,7 +79,9 @@ def half_way(paths: Trajectories, index: int) -> int:
     return int(arrived.argmax() if arrived.any() else distance.argmin())
 
 
-def _sizes(results: Results, layout: str) -> list[int]:
-    """The smallest and the largest context size of the first planner in a layout."""
-    runs = results.runs[(results.runs["planner"] == results.planners[0]) & (results.runs["layout"] == layout)]
-    return sorted({int(runs["context_size"].min()), int(runs["context_size"].max())})
+def _ends(results: Results, layout: str) -> list[Value]:
+    """The first and the last value on the x axis, of the first planner in a layout."""
+    settings = results.where({PLANNER.key: results.planners[0], LAYOUT.key: layout})
+    present = {setting.values[results.x.key] for setting in settings}
+    values = [value for value in results.x_values if value in present]
+    return list(dict.fromkeys([values[0], values[-1]]))

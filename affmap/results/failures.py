@@ -1,6 +1,6 @@
 """Why runs fail, and where: pure functions of the results."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from affmap.env.effects import EFFECTS
-from affmap.results.files import Floats, Job, World
-from affmap.results.maps import circle_distance, surface_distance
+from affmap.env.geometry import circle_distance, surface_distance
+from affmap.env.layout import Layout
+from affmap.results.files import Floats
+from affmap.results.setting import CONTEXT_SIZE, Setting
 from affmap.results.tables import Results
 
 REASONS = {
@@ -44,12 +46,12 @@ class Places(NamedTuple):
 
 def are_of_interest(results: Results) -> bool:
     """Whether runs can fail for several reasons: there is fog, or a world of its own for each run."""
-    return any(has_fog(results, job) or len(set(results.worlds(job))) > 1 for job in results.jobs)
+    return any(has_fog(results, setting) or len(set(results.worlds(setting))) > 1 for setting in results.settings)
 
 
-def has_fog(results: Results, job: Job) -> bool:
-    """Whether there is fog where the runs of `job` fly."""
-    return any(circle.effect == "fog" for world in results.worlds(job) for circle in world.circles)
+def has_fog(results: Results, setting: Setting) -> bool:
+    """Whether there is fog where the runs of a setting fly."""
+    return any(circle.effect == "fog" for world in results.worlds(setting) for circle in world.circles)
 
 
 def with_reasons(results: Results) -> pd.DataFrame:
@@ -58,29 +60,29 @@ def with_reasons(results: Results) -> pd.DataFrame:
     Stuck: the positions of the last quarter of the run are all nearer to their mean than the vehicle's diameter.
     """
     runs = results.runs
-    diameter = 2 * results.worlds(results.jobs[0])[0].vehicle_radius
+    diameter = 2 * results.vehicle_radius(results.settings[0])
     conditions = [runs["success"].astype(bool), runs["steps_in_fog"] > 0, runs["final_spread"] < diameter]
     return runs.assign(reason=np.select(conditions, ["", "fog", "stuck"], "other"))
 
 
-def shares(runs: pd.DataFrame, column: str, kinds: Iterable[str]) -> pd.DataFrame:
-    """Share of the runs with each of some values in a column: one row per context size, one column per value."""
-    counts = runs.groupby("context_size")[column].value_counts(normalize=True).unstack(fill_value=0)
+def shares(runs: pd.DataFrame, column: str, kinds: Iterable[str], by: str = CONTEXT_SIZE.column) -> pd.DataFrame:
+    """Share of the runs with each of some values in a column: one row per value of `by`, one column per value."""
+    counts = runs.groupby(by, sort=False)[column].value_counts(normalize=True).unstack(fill_value=0)
     return counts.reindex(columns=list(kinds), fill_value=0).astype(float)
 
 
-def with_nearest(results: Results, layout: str, planner: str) -> pd.DataFrame:
-    """Context size of each run, and what it was nearest to at its end: a key of `NEAREST`, or empty if it arrived."""
+def with_nearest(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
+    """The x value of each run, and the thing nearest to its end: a key of `NEAREST`, or empty if it arrived."""
     tables = []
-    for job in _jobs(results, layout, planner):
-        paths = results.trajectories(job)
-        ends = zip(paths.position[:, -1], results.worlds(job), np.any(paths.reached, axis=1), strict=True)
+    for setting in settings:
+        paths = results.trajectories(setting)
+        ends = zip(paths.position[:, -1], results.worlds(setting), np.any(paths.reached, axis=1), strict=True)
         things = ["" if arrived else nearest(position, world) for position, world, arrived in ends]
-        tables.append(pd.DataFrame({"context_size": job.context_size, "nearest": things}))
+        tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], "nearest": things}))
     return pd.concat(tables, ignore_index=True)
 
 
-def nearest(position: Floats, world: World) -> str:
+def nearest(position: Floats, world: Layout) -> str:
     """What is nearest to a place `[2]` (u), or lies around it deepest: a key of `NEAREST`."""
     distances = {SURFACE: float(surface_distance(position, world))}
     for circle in world.circles:
@@ -90,47 +92,43 @@ def nearest(position: Floats, world: World) -> str:
     return min(distances, key=lambda thing: distances[thing])
 
 
-def step_errors(results: Results, layout: str, planner: str) -> pd.DataFrame:
+def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
     """Prediction errors of single steps, and how many circles the vehicle overlapped when they began.
 
     Returns:
-        `context_size`, `overlapped` (at most `MANY`, for that many or more) and `prediction_error` (nats) of each step
-        of each run, but for those that begin or end in fog, where what the vehicle reports is noise.
+        The value on the x axis, `overlapped` (at most `MANY`, for that many or more) and `prediction_error` (nats) of
+        each step of each run, but for those that begin or end in fog, where what the vehicle reports is noise.
     """
     tables = []
-    for job in _jobs(results, layout, planner):
-        paths = results.trajectories(job)
+    for setting in settings:
+        paths = results.trajectories(setting)
         predicted = norm(paths.planned_position[:, :, 0], paths.planned_std[:, :, 0])
         errors = -np.sum(predicted.logpdf(paths.position[:, 1:]), axis=-1)
-        runs = zip(paths.position, results.worlds(job), strict=True)
-        counts = [overlapped(positions[:-1], world) for positions, world in runs]
+        runs = zip(paths.position, results.worlds(setting), strict=True)
+        radius = results.vehicle_radius(setting)
+        counts = [overlapped(positions[:-1], world, radius) for positions, world in runs]
         clear = ~paths.in_fog
         clear[:, 1:] &= ~paths.in_fog[:, :-1]
         values = {"overlapped": np.minimum(counts, MANY)[clear], "prediction_error": errors[clear]}
-        tables.append(pd.DataFrame({"context_size": job.context_size, **values}))
+        tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], **values}))
     return pd.concat(tables, ignore_index=True)
 
 
-def overlapped(positions: Floats, world: World) -> NDArray[np.integer]:
-    """How many circles, but for those without effect, the vehicle at `positions` `[..., 2]` (u) overlaps: `[...]`."""
+def overlapped(positions: Floats, world: Layout, radius: float) -> NDArray[np.integer]:
+    """Number of circles with an effect that a vehicle at `positions` `[..., 2]` (u) overlaps: `[...]`."""
     circles = [circle for circle in world.circles if circle.effect != "none"]
-    inside = [circle_distance(positions, circle) < world.vehicle_radius for circle in circles]
+    inside = [circle_distance(positions, circle) < radius for circle in circles]
     return np.sum(inside, axis=0) if inside else np.zeros(positions.shape[:-1], int)
 
 
-def places(results: Results, layout: str, planner: str) -> Places:
+def places(results: Results, settings: Sequence[Setting]) -> Places:
     """Where runs went wrong, over all context sizes above 0 (over 0 where no other was run)."""
-    found = _jobs(results, layout, planner)
-    chosen = [job for job in found if job.context_size > 0] or found
+    chosen = [setting for setting in settings if setting.context_size > 0] or settings
     fog, ended = [], []
-    for job in chosen:
-        paths = results.trajectories(job)
+    for setting in chosen:
+        paths = results.trajectories(setting)
         touched = paths.in_fog.any(axis=1)
         first = paths.in_fog[touched].argmax(axis=1) + 1  # a step's end is the next position
         fog.append(paths.position[touched, first])
         ended.append(paths.position[~paths.reached.any(axis=1), -1])
     return Places(np.concatenate(fog), np.concatenate(ended))
-
-
-def _jobs(results: Results, layout: str, planner: str) -> list[Job]:
-    return [job for job in results.jobs if (job.layout, job.planner) == (layout, planner)]

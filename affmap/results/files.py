@@ -1,101 +1,65 @@
-"""What completed stages hold, as types: settings, worlds, maps, exploration, trajectories. Reads and draws nothing.
+"""Files of completed stages: for each its type, its writer and its reader, side by side.
 
 Axes: M members, T recorded steps, B = M x 4 runs, H planning horizon, C context code, Y and X rows and columns of a
-grid (row 0 has the smallest y). Lengths are in units (u), times in steps.
+grid (row 0 has the smallest y). Lengths are in units (u), times in steps. Readers raise ConfigError where a file is
+corrupted, and execute nothing in it. The data set has its reader in `affmap.data.batches`, weights in
+`affmap.model.weights`.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from affmap.view import Map
+from affmap.env.layout import Layout
+from affmap.settings.messages import ConfigError
+from affmap.store.files import guarded_read, read_arrays
+from affmap.store.provenance import PROVENANCE
 
-PLANNERS = {"cem": "EB", "gradient": "GB"}
-"""The paper's short names: evolutionary-based and gradient-based active inference. Others keep their own."""
+COVERAGE, VALIDATION = "coverage.npz", "validation.csv"
+MAPS, RUNS, TRAJECTORIES, LAYOUTS = "maps.npz", "runs.csv", "trajectories.npz", "layouts.json"
+"""Names of the files."""
 
-STAGES = ("data", "train", "map", "control")
+VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
 
-Floats = NDArray[np.floating]
-
-
-@dataclass(frozen=True)
-class Job:
-    """One setting of the sweep, and the folders of its completed stages.
-
-    There is one of each kind, or one for each of the jobs that its members were divided among, in the members' order.
-    """
-
-    context_size: int
-    planner: str
-    """Its kind, such as `cem` (evolutionary, EB) or `gradient` (GB)."""
-    layout: str
-    """Name of the layout that was flown in."""
-    data: tuple[Path, ...]
-    train: tuple[Path, ...]
-    map: tuple[Path, ...]
-    control: tuple[Path, ...]
+Floats = NDArray[np.floating[Any]]
 
 
-class Circle(NamedTuple):
-    """A circle of a world; lengths in u."""
+class Exploration(NamedTuple):
+    """Places that the data set has been to, in each of W training layouts."""
 
-    x: float
-    y: float
-    radius: float
-    effect: str
-    """A key of `affmap.env.effects.EFFECTS`."""
-
-
-@dataclass(frozen=True)
-class World:
-    """A layout; lengths in u, the lower left corner is the origin."""
-
-    name: str
-    size: tuple[float, float]
-    circles: tuple[Circle, ...]
-    start_margin: float
-    """Distance of the four start squares to the borders."""
-    start_side: float
-    """Side of a start square."""
-    vehicle_radius: float
-
-    @classmethod
-    def of(cls, layout: Mapping[str, Any], vehicle: Mapping[str, Any]) -> "World":
-        """The world of a layout and a vehicle, as a stage's configuration has them."""
-        return cls(
-            name=layout["name"],
-            size=(float(layout["size"][0]), float(layout["size"][1])),
-            circles=tuple(Circle(c["center"][0], c["center"][1], c["radius"], c["effect"]) for c in layout["circles"]),
-            start_margin=float(layout["start_margin"]),
-            start_side=float(layout["start_side"]),
-            vehicle_radius=float(vehicle["radius"]),
-        )
-
-    @property
-    def obstacles(self) -> tuple[Circle, ...]:
-        """The circles that block the way."""
-        return tuple(circle for circle in self.circles if circle.effect == "obstacle")
+    counts: NDArray[np.integer]
+    """`[W, Y, X]` recorded steps in each cell of 0.1 u."""
+    free: NDArray[np.bool_]
+    """`[W, Y, X]`: can the vehicle's centre be at the cell's centre?"""
+    coverage: Floats
+    """`[W]`, share of the free cells that were visited."""
 
 
-class Sight(NamedTuple):
-    """What a layout looks like to the vehicle."""
+def write_coverage(folder: Path, parts: Sequence[dict[str, np.ndarray]]) -> Exploration:
+    """Write what `affmap.data.collect.coverage` found in each of W layouts; returns it together."""
+    exploration = Exploration(**{key: np.stack([part[key] for part in parts]) for key in Exploration._fields})
+    _write_arrays(folder / COVERAGE, exploration)
+    return exploration
 
-    channels: tuple[str, ...]
-    """Names of the K channels of a view."""
-    map: Map
-    """What views are cut from."""
 
-    @classmethod
-    def of(cls, layout: Mapping[str, Any]) -> "Sight":
-        """The looks of a layout, as a stage has it."""
-        channels = tuple(layout["channels"])
-        circles = tuple((*c["center"], c["radius"], channels.index(c["channel"])) for c in layout["circles"])
-        border = channels.index(layout["border_channel"])
-        return cls(channels, Map(tuple(layout["size"]), len(channels), border, circles))
+def read_coverage(folder: Path) -> Exploration:
+    """Read where the data set has been."""
+    return _read_arrays(Exploration, folder / COVERAGE)
+
+
+def write_validation(folder: Path, table: pd.DataFrame) -> None:
+    """Write losses: a row for each member and epoch (and trial), columns `VALIDATION_COLUMNS` among others."""
+    table.to_csv(folder / VALIDATION, index=False, float_format="%.6f")
+
+
+def read_validation(folder: Path) -> pd.DataFrame:
+    """Read losses, a row for each member and epoch, columns `VALIDATION_COLUMNS`."""
+    return _read_table(folder / VALIDATION, VALIDATION_COLUMNS)[VALIDATION_COLUMNS]
 
 
 class Maps(NamedTuple):
@@ -132,19 +96,24 @@ class Maps(NamedTuple):
         return np.stack(np.meshgrid(self.x, self.y), axis=-1)
 
 
-class Exploration(NamedTuple):
-    """Where the data set has been, in each of W training worlds."""
+def write_maps(folder: Path, maps: Maps) -> None:
+    """Write affordance maps."""
+    _write_arrays(folder / MAPS, maps)
 
-    counts: NDArray[np.integer]
-    """`[W, Y, X]` recorded steps in each cell of 0.1 u."""
-    free: NDArray[np.bool_]
-    """`[W, Y, X]`: can the vehicle's centre be at the cell's centre?"""
-    coverage: Floats
-    """`[W]`, share of the free cells that were visited."""
+
+def read_maps(folders: Sequence[Path]) -> Maps:
+    """Read the affordance maps of all members, which may have been divided among several stages."""
+    parts = [_read_arrays(Maps, folder / MAPS) for folder in folders]
+    return parts[0]._replace(
+        codes=np.concatenate([part.codes for part in parts]),
+        initial_codes=np.concatenate([part.initial_codes for part in parts]),
+        snapshot_codes=np.concatenate([part.snapshot_codes for part in parts], axis=1 if len(parts[0].epochs) else 0),
+        member=np.concatenate([part.member for part in parts]),
+    )
 
 
 class Trajectories(NamedTuple):
-    """What control recorded; absolute positions in u."""
+    """Recorded runs of control; absolute positions in u."""
 
     position: Floats
     """`[B, T + 1, 2]`."""
@@ -168,3 +137,69 @@ class Trajectories(NamedTuple):
     """`[B]`."""
     run: NDArray[np.integer]
     """`[B]`."""
+
+
+def write_trajectories(folder: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write the arrays of `Trajectories`, in the order in which they come."""
+    np.savez_compressed(folder / TRAJECTORIES, allow_pickle=False, **arrays)
+
+
+def read_trajectories(folders: Sequence[Path]) -> Trajectories:
+    """Read recorded runs of all members."""
+    parts = [_read_arrays(Trajectories, folder / TRAJECTORIES) for folder in folders]
+    return Trajectories(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def write_runs(folder: Path, table: pd.DataFrame) -> None:
+    """Write a table of runs, a row each."""
+    table.to_csv(folder / RUNS, index=False, float_format="%.6f")
+
+
+def read_runs(folder: Path, columns: Sequence[str]) -> pd.DataFrame:
+    """Read a table of runs, a row each; it must have `columns`."""
+    return _read_table(folder / RUNS, columns)
+
+
+def write_layouts(folder: Path, layouts: Sequence[Layout]) -> None:
+    """Write the layout of each of B runs."""
+    (folder / LAYOUTS).write_text(json.dumps([layout.model_dump(mode="json") for layout in layouts]), "utf-8")
+
+
+def read_layouts(folder: Path) -> list[Layout]:
+    """Read the layout of each of B runs."""
+    with guarded_read(folder / LAYOUTS):
+        known: dict[str, Layout] = {}  # most runs share theirs
+        texts = [json.dumps(layout) for layout in json.loads((folder / LAYOUTS).read_text("utf-8"))]
+        return [known.setdefault(text, known.get(text) or Layout.model_validate_json(text)) for text in texts]
+
+
+def read_origin(folder: Path) -> dict[str, Any]:
+    """Read the provenance of a stage: its name, digest and configuration at least."""
+    with guarded_read(folder / PROVENANCE):
+        record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
+        for key in ("stage", "digest", "config"):
+            record[key]
+        return record
+
+
+Record = TypeVar("Record", Maps, Exploration, Trajectories)
+
+
+def _write_arrays(path: Path, record: Maps | Exploration) -> None:
+    np.savez_compressed(path, allow_pickle=False, **record._asdict())
+
+
+def _read_arrays(record: type[Record], path: Path) -> Record:
+    arrays = read_arrays(path)
+    with guarded_read(path):
+        return record(**{field: arrays[field][()] for field in record._fields})
+
+
+def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
+    with guarded_read(path):
+        table = pd.read_csv(path)
+    if missing := [column for column in columns if column not in table]:
+        raise ConfigError(
+            f"{path} lacks the columns {missing}: another version wrote it; remove its folder and run again."
+        )
+    return table

@@ -1,8 +1,22 @@
-"""The metrics of the tables: their names, units, and what is typical of them (leaf)."""
+"""Metrics: one entry each, with column, unit, label, margin, and the function of trajectories that computes it.
 
-from typing import Literal, NamedTuple
+An entry is all that a new metric needs: reports of results that were stored before it existed have it, too, because a
+column that a stored table lacks is computed when it is read.
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from affmap.results.files import Trajectories
 
 Statistic = Literal["mean", "median"]
+
+Column: TypeAlias = NDArray[Any] | pd.Series
+"""`[B]`, a value for each run."""
 
 
 class Metric(NamedTuple):
@@ -13,18 +27,96 @@ class Metric(NamedTuple):
     unit: str
     label: str
     """Of an axis."""
+    of_runs: Callable[[Trajectories], Column] | None = None
+    """The metric of B runs: `[B]`; None for one that trajectories do not tell."""
     statistic: Statistic = "mean"
-    """What of the members' differences is an effect; likelihoods have heavy tails, one run may outweigh all others."""
+    """The effect in tests: mean or median of the members' differences; likelihoods have heavy tails."""
     margin: float | None = None
     """A difference that would not matter: small against those between context sizes."""
+    stored: bool = False
+    """Whether the table of a control stage has the column; its columns stay as they are, so new metrics are not."""
+    extra: bool = True
+    """Whether reports show the metric beside those that they show anyway: medians, and a panel of outcomes."""
+
+
+def _prediction_error(paths: Trajectories) -> Column:
+    """Mean over steps of the negative log-likelihood of the change of position, nats."""
+    return paths.prediction_error.mean(axis=1)
+
+
+def _mean_distance(paths: Trajectories) -> Column:
+    """Mean over the steps' ends of the distance between true position and goal, u."""
+    return np.linalg.norm(paths.position[:, 1:] - paths.goal[:, None], axis=-1).mean(axis=1)
+
+
+def _reached(paths: Trajectories) -> Column:
+    """Whether the goal was reached at the end of any step."""
+    return np.asarray(paths.reached.any(axis=1))
+
+
+def _steps_to_reach(paths: Trajectories) -> Column:
+    """Number of the step that reached the goal; empty where none did."""
+    ever = np.asarray(paths.reached.any(axis=1))
+    return pd.Series(np.where(ever, paths.reached.argmax(axis=1) + 1, 0)).where(ever).astype("Int64")
+
+
+def _success(paths: Trajectories) -> Column:
+    """Whether the goal was reached, and the vehicle never was in fog (Experiment IV)."""
+    return paths.reached.any(axis=1) & (paths.in_fog.sum(axis=1) == 0)
+
+
+def _steps_touching(paths: Trajectories) -> Column:
+    """Steps at whose end the vehicle touched a surface."""
+    return paths.touching.sum(axis=1)
+
+
+def _steps_in_fog(paths: Trajectories) -> Column:
+    """Steps at whose end the vehicle overlapped fog."""
+    return paths.in_fog.sum(axis=1)
+
+
+def _final_spread(paths: Trajectories) -> Column:
+    """Largest distance of the last quarter's positions from their mean, u: small where the vehicle is stuck."""
+    end = paths.position[:, paths.position.shape[1] * 3 // 4 :]
+    return np.linalg.norm(end - end.mean(axis=1, keepdims=True), axis=-1).max(axis=1)
 
 
 METRICS = {
-    "validation_nll": Metric("validation loss", "nats", "validation NLL (nats)", "median", 0.5),
-    "prediction_error": Metric("prediction error", "nats", "prediction error (nats)", "median", 0.5),
-    "mean_distance": Metric("mean distance", "u", "mean distance to the goal (u)", margin=0.05),
-    "reached": Metric("reached", "share", "share of runs that reached the goal", margin=0.05),
-    "success": Metric("success", "share", "share of successful runs", margin=0.05),
-    "steps_touching": Metric("steps touching", "steps", "steps touching a surface"),
+    "validation_nll": Metric(
+        "validation loss", "nats", "validation NLL (nats)", None, "median", margin=0.5, extra=False
+    ),
+    "prediction_error": Metric(
+        *("prediction error", "nats", "prediction error (nats)", _prediction_error, "median"),
+        margin=0.5,
+        stored=True,
+        extra=False,
+    ),
+    "mean_distance": Metric(
+        *("mean distance", "u", "mean distance to the goal (u)", _mean_distance),
+        margin=0.05,
+        stored=True,
+        extra=False,
+    ),
+    "reached": Metric(
+        *("reached", "share", "share of runs that reached the goal", _reached), margin=0.05, stored=True, extra=False
+    ),
+    "steps_to_reach": Metric("steps to reach", "steps", "steps to the goal", _steps_to_reach, stored=True, extra=False),
+    "success": Metric(
+        *("success", "share", "share of successful runs", _success), margin=0.05, stored=True, extra=False
+    ),
+    "steps_touching": Metric(
+        "steps touching", "steps", "steps touching a surface", _steps_touching, stored=True, extra=False
+    ),
+    "steps_in_fog": Metric("steps in fog", "steps", "steps in fog", _steps_in_fog, stored=True, extra=False),
+    "final_spread": Metric("final spread", "u", "spread at the end (u)", _final_spread, stored=True, extra=False),
 }
-"""Column -> metric. `success`: reached the goal and never was in fog."""
+"""Column -> metric, in the order of the table of runs."""
+
+EXTRA = [column for column, metric in METRICS.items() if metric.extra]
+"""Columns that reports show beside those that they show anyway."""
+
+
+def summarise(paths: Trajectories, columns: list[str]) -> pd.DataFrame:
+    """The metrics of B runs, a row each, in the order of `columns`."""
+    functions = {column: METRICS[column].of_runs for column in columns}
+    return pd.DataFrame({column: compute(paths) for column, compute in functions.items() if compute})

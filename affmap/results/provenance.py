@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from affmap.env.effects import EFFECTS
-from affmap.results.files import STAGES, Job
 from affmap.results.numbers import NOTHING, points
+from affmap.results.setting import STAGES, Setting, make_factor
 from affmap.results.tables import Results
 
 _SHARED = ("versions", "git", "machine", "command")
@@ -24,18 +24,18 @@ class Cost(NamedTuple):
     seconds: float
 
 
-def summarize(jobs: Sequence[Job], records: Mapping[Path, dict[str, Any]]) -> dict[str, Any]:
+def summarize(settings: Sequence[Setting], records: Mapping[Path, dict[str, Any]]) -> dict[str, Any]:
     """Everything `provenance.json` says about the stages.
 
     Args:
-        jobs: the settings.
-        records: stage folder -> its own provenance, of the jobs and of what belongs to them.
+        settings: completed ones.
+        records: stage folder -> its own provenance, of the settings and of what belongs to them.
 
     Returns:
         `seconds` (all stages together) and `peak_memory_mib` (of the largest process); the distinct values of
         `versions`, `git`, `machine` and `command`; `configs`, the configuration of the first stage of each kind;
         `stages`, one entry per folder with the leaves in which its configuration `differs` from that one; and `jobs`,
-        the digests of each setting's stages.
+        the values of each setting and the digests of its stages.
     """
     configs: dict[str, dict[str, Any]] = {}
     stages: list[dict[str, Any]] = []
@@ -44,10 +44,10 @@ def summarize(jobs: Sequence[Job], records: Mapping[Path, dict[str, Any]]) -> di
         base = configs.setdefault(record["stage"], config)
         entry = {key: record.get(key) for key in ("stage", "digest", "started", "seconds", "peak_memory_mib")}
         stages.append({**entry, "differs": differences(config, base)})
-    settings = [
-        {"context_size": job.context_size, "planner": job.planner, "layout": job.layout}
-        | {stage: [records[folder]["digest"] for folder in getattr(job, stage)] for stage in STAGES}
-        for job in jobs
+    jobs = [
+        {make_factor(key).column: value for key, value in setting.values.items()}
+        | {stage: [records[folder]["digest"] for folder in setting.folders[stage]] for stage in STAGES}
+        for setting in settings
     ]
     return {
         "seconds": sum(stage["seconds"] or 0.0 for stage in stages),
@@ -55,7 +55,7 @@ def summarize(jobs: Sequence[Job], records: Mapping[Path, dict[str, Any]]) -> di
         **{key: distinct([record.get(key) for record in records.values()]) for key in _SHARED},
         "configs": configs,
         "stages": stages,
-        "jobs": settings,
+        "jobs": jobs,
     }
 
 
@@ -83,7 +83,7 @@ def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
     """
     values: dict[str, Any] = {}
     for results in reports:
-        for job in results.jobs:
+        for job in results.settings:
             config = results.provenance[job.control[0]]["config"]
             named = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
             # So that a point can be about an effect, and is left out where no circle has it.

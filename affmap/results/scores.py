@@ -6,9 +6,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from affmap.results.claims import Claim, Score
-from affmap.results.files import PLANNERS
-from affmap.results.metrics import METRICS
-from affmap.results.setting import MetricName, ReportSettings
+from affmap.results.metrics import EXTRA, METRICS
+from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, PLANNERS, ReportSettings
 from affmap.results.tables import Results
 
 COLUMNS = (
@@ -66,17 +65,20 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
     """The center of each setting (over members for the validation loss, over runs in control), and the paper's axis.
 
     The center is the median, as in the paper's box plots; of `success` it is the mean, as in its bars. A training has
-    no planner, and a layout only where the trainings differ in it. Where no axis is given, `paper_low`, `paper_high`
-    and `inside` are empty.
+    no planner, a layout only where the trainings differ in it, and values of other factors only where it depends on
+    them. Where no axis is given, `paper_low`, `paper_high` and `inside` are empty.
     """
-    losses = results.last_epoch.assign(planner="")
+    own = [factor.column for factor in results.factors if factor.key not in FACTORS]
+    keys = [PLANNER.column, LAYOUT.column, *own, CONTEXT_SIZE.column]
+    losses = results.last_epoch.assign(**{key: "" for key in keys if key not in results.last_epoch})
     if losses["layout"].nunique() == 1:
         losses["layout"] = ""
-    metrics: list[MetricName] = ["validation_nll", "prediction_error", settings.outcome]
-    tables = [_centers(losses if metric == "validation_nll" else results.runs, metric) for metric in metrics]
+    metrics = ["validation_nll", "prediction_error", settings.outcome, *EXTRA]
+    tables = [_centers(losses if metric == "validation_nll" else results.runs, metric, keys) for metric in metrics]
     places = {layout: place for place, layout in enumerate(["", *results.layouts])}  # in the order of the figures
     ordered = [each.sort_values("layout", key=lambda names: names.map(places), kind="stable") for each in tables]
-    table = pd.concat(ordered, ignore_index=True).replace({"planner": PLANNERS})
+    table = pd.concat(ordered, ignore_index=True)
+    table["planner"] = table["planner"].replace({kind: planner.short for kind, planner in PLANNERS.items()})
     axes = table["metric"].map(lambda metric: settings.axes.get(metric, (math.nan, math.nan)))
     table["paper_low"], table["paper_high"] = axes.str[0], axes.str[1]
     inside = table["center"].between(table["paper_low"], table["paper_high"])
@@ -84,10 +86,10 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
     return table
 
 
-def _centers(table: pd.DataFrame, metric: MetricName) -> pd.DataFrame:
-    """One row per planner, layout and context size."""
+def _centers(table: pd.DataFrame, metric: str, keys: Sequence[str]) -> pd.DataFrame:
+    """One row per planner, layout, other factor and context size."""
     statistic = "mean" if metric == "success" else "median"
-    scores = table[metric].astype(float).groupby([table[key] for key in ("planner", "layout", "context_size")])
-    found = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
-    columns = ["metric", "planner", "layout", "context_size", "number", "statistic", "center", "unit"]
-    return found.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]
+    scores = table[metric].astype(float).groupby([table[key] for key in keys])
+    centers = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
+    columns = ["metric", *keys, "number", "statistic", "center", "unit"]
+    return centers.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]

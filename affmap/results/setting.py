@@ -1,11 +1,116 @@
-"""What a report is to show, apart from the code that draws it (which takes seconds to import)."""
+"""Settings of a sweep as data: the values of the keys that it varies, and how readers know these keys.
+
+A report tells two keys apart, its factors: one on the x axis, one by colour.
+"""
 
 from collections.abc import Mapping
-from typing import Literal
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from affmap.settings import Line, Number, Positive, Settings
+from affmap.settings import Line, Neutral, Number, Positive, Settings
+
+Value = bool | int | float | str
+
+STAGES = ("data", "train", "map", "control")
+
+
+class PlannerName(NamedTuple):
+    """The names of a planner, and its colour."""
+
+    short: str
+    """The paper's abbreviation."""
+    method: str
+    """In a sentence, before "planning"."""
+    color: str
+    """`#rrggbb`; Okabe and Ito: told apart by everybody, and in grey."""
+
+
+PLANNERS = {
+    "cem": PlannerName("EB", "evolutionary-based", "#0072B2"),
+    "gradient": PlannerName("GB", "gradient-based", "#E69F00"),
+}
+"""Kind of a planner -> its names, in the order of reports; others keep their own name."""
+
+
+class Factor(NamedTuple):
+    """A key of the configuration that the settings of a sweep may differ in."""
+
+    key: str
+    column: str
+    """Of tables of runs."""
+    label: str
+    """Of an axis, and in a sentence."""
+    symbol: str = ""
+    """Before a value: the C of C = 8; empty where values are names."""
+
+    def format(self, value: Value) -> str:
+        """A value with its symbol, as in C = 8."""
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        return f"{self.symbol} = {text}" if self.symbol else text.replace("_", " ")
+
+
+CONTEXT_SIZE = Factor("model.context_size", "context_size", "context size", "C")
+PLANNER = Factor("planner", "planner", "planner")
+LAYOUT = Factor("control_layout", "layout", "layout")
+SPACING = Factor("lookup.spacing", "lookup_spacing", "map spacing (u)", "spacing")
+
+FACTORS = {factor.key: factor for factor in (CONTEXT_SIZE, PLANNER, LAYOUT, SPACING)}
+"""Key -> factor, of those that every table of runs has a column for."""
+
+
+def make_factor(key: str) -> Factor:
+    """The factor of a key; that of a key without a column of its own is labelled by its last part."""
+    name = key.rpartition(".")[2].replace("_", " ")
+    return FACTORS.get(key) or Factor(key, key.replace(".", "_"), name, name)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting of a sweep: the values of the keys that it varies, and the folders of its completed stages."""
+
+    values: Mapping[str, Value]
+    """Dotted key -> value; `model.context_size`, `planner` and `control_layout` are always there, by size and name."""
+    folders: Mapping[str, tuple[Path, ...]]
+    """Stage -> its folder, or those of the jobs that its members were divided among, in the members' order."""
+
+    @property
+    def context_size(self) -> int:
+        """C, length of the context code."""
+        return int(self.values[CONTEXT_SIZE.key])
+
+    @property
+    def planner(self) -> str:
+        """Kind of the planner, such as `cem`."""
+        return str(self.values[PLANNER.key])
+
+    @property
+    def layout(self) -> str:
+        """Name of the layout that was flown in."""
+        return str(self.values[LAYOUT.key])
+
+    @property
+    def data(self) -> tuple[Path, ...]:
+        """Folders of the stage `data`."""
+        return self.folders["data"]
+
+    @property
+    def train(self) -> tuple[Path, ...]:
+        """Folders of the stage `train`."""
+        return self.folders["train"]
+
+    @property
+    def map(self) -> tuple[Path, ...]:
+        """Folders of the stage `map`."""
+        return self.folders["map"]
+
+    @property
+    def control(self) -> tuple[Path, ...]:
+        """Folders of the stage `control`."""
+        return self.folders["control"]
+
 
 MetricName = Literal["validation_nll", "prediction_error", "mean_distance", "success"]
 
@@ -23,6 +128,10 @@ class ReportSettings(Settings):
     """Whether a report is wanted though some settings are not complete; it says so on every figure."""
     claims: Literal["exp1", "exp2", "exp3", "exp4", "exp5"] | None = Field(exclude=True)
     """The experiment of the paper whose claims are tested; None for an experiment that the paper does not have."""
+    x: Annotated[Line | None, Neutral(None), Field(exclude=True)]
+    """The key on the x axis; None for the context size or, where that is not varied, the first number that is."""
+    color: Annotated[Line | None, Neutral(None), Field(exclude=True)]
+    """The key that colours tell apart; None for whatever else is varied."""
     names: Mapping[Line, Line] = Field(exclude=True)
     """What planners and layouts are called; others keep their own names."""
     outcome: Literal["mean_distance", "success"] = Field(exclude=True)

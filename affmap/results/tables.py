@@ -1,220 +1,326 @@
-"""Completed stages on disk -> tidy tables and records. Knows file formats, and neither tests nor figures.
+"""Tidy tables of completed settings: runs, losses, and everything else that reports are made of, each read once.
 
 Lengths are in units (u), times in steps, likelihoods in nats (both coordinates summed, constants included).
 """
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from affmap.results.files import PLANNERS, STAGES, Exploration, Job, Maps, Sight, Trajectories, World
-from affmap.settings import ConfigError
-from affmap.store.files import guarded_read, read_arrays
-from affmap.store.provenance import PROVENANCE, canonical
+from affmap.env.layout import Layout
+from affmap.results import files
+from affmap.results.files import VALIDATION_COLUMNS, Exploration, Maps, Trajectories
+from affmap.results.metrics import METRICS, summarise
+from affmap.results.setting import (
+    CONTEXT_SIZE,
+    FACTORS,
+    LAYOUT,
+    PLANNER,
+    PLANNERS,
+    STAGES,
+    Factor,
+    Setting,
+    Value,
+    make_factor,
+)
+from affmap.settings.messages import ConfigError
+from affmap.store.provenance import canonical
 
-LAYOUTS = "layouts.json"
-"""File of a control stage: the layout of each run."""
-
-RUN_COLUMNS = [
-    "layout",
-    "planner",
-    "lookup_spacing",
-    "context_size",
-    "member",
-    "run",
-    "start_x",
-    "start_y",
-    "goal_x",
-    "goal_y",
-    "prediction_error",
-    "mean_distance",
-    "reached",
-    "steps_to_reach",
-    "success",
-    "steps_touching",
-    "steps_in_fog",
-    "final_spread",
-    "crossable",
-    "lookup_error",
+STORED = [
+    *("layout", "planner", "lookup_spacing", "context_size", "member", "run", "start_x", "start_y", "goal_x", "goal_y"),
+    *(column for column, metric in METRICS.items() if metric.stored),
+    *("crossable", "lookup_error"),
 ]
-VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
+"""Columns of the table of a control stage."""
 
-Record = TypeVar("Record", Maps, Exploration, Trajectories)
+RUN_COLUMNS = [*STORED, *(column for column, metric in METRICS.items() if metric.of_runs and not metric.stored)]
+"""Columns of a report's table of runs, beside those of factors without a column of their own."""
 
 
 @dataclass(frozen=True)
 class Results:
-    """Everything the report is made of; each stage folder is read once, when it is first asked for."""
+    """Everything that a report is made of; each stage folder is read once, when it is first asked for."""
 
-    jobs: tuple[Job, ...]
-    growth: Job | None = None
+    settings: tuple[Setting, ...]
+    growth: Setting | None = None
     """A longer training whose maps were kept after several epochs, where the experiment has one."""
+    x_key: str | None = None
+    """The key on the x axis; None for the context size or, where that is not varied, the first number that is."""
+    color_key: str | None = None
+    """The key that colours tell apart; None for whatever else is varied."""
 
     def __post_init__(self) -> None:
-        settings = [(job.context_size, job.planner, job.layout) for job in self.jobs]
-        if not settings:
+        if not self.settings:
             raise ConfigError("a report needs at least one completed setting.")
-        if len(set(settings)) < len(settings):
+        values = [tuple(setting.values.items()) for setting in self.settings]
+        if len(set(values)) < len(values):
             raise ConfigError(
-                "a report tells settings apart by context size, planner and layout, and here others differ, too; "
-                "report.compare=<key> makes a table of the values of any other key."
+                "a report tells settings apart by their values of the keys that are swept over, and here others "
+                "differ, too; sweep over one key or two."
             )
+
+    def check_factors(self) -> None:
+        """Make sure that settings differ in the two keys of a report only.
+
+        Raises:
+            ConfigError: they differ in another one, and some would end in the same box.
+        """
+        chosen, first = (self.x.key, self.color.key), self.settings[0]
+        if others := [key for key in self._varied if key not in chosen]:
+            raise ConfigError(
+                f"a report tells two keys apart, here {self.x.key} on the x axis and {self.color.key} by colour, and "
+                f"there are several values of {' and '.join(others)}, too; give one, such as "
+                f"{others[0]}={first.values[others[0]]}, with output=runs/<name>, or name the two keys with report.x "
+                "and report.color."
+            )
+
+    @cached_property
+    def _varied(self) -> list[str]:
+        """Keys whose values differ among the settings, without those that follow from another one of them."""
+        keys = [key for key in self.settings[0].values if len(self._values(key)) > 1]
+        # `world` sets control_layout, and what else it sets is told by that.
+        pairs = {key: [setting.values[key] for setting in self.settings] for key in keys}
+        kept: list[str] = []
+        for key in sorted(keys, key=lambda key: key not in FACTORS):
+            if not any(_is_same(pairs[key], pairs[other]) for other in kept):
+                kept.append(key)
+        return [key for key in keys if key in kept]
+
+    def _values(self, key: str) -> list[Value]:
+        """The distinct values of a key, in the order of the settings."""
+        return list(dict.fromkeys(setting.values[key] for setting in self.settings))
+
+    @cached_property
+    def x(self) -> Factor:
+        """The factor on the x axis."""
+        numbers = [key for key in self._varied if all(not isinstance(value, str) for value in self._values(key))]
+        if CONTEXT_SIZE.key in numbers or (len(self._varied) < 2 and not numbers):
+            first = CONTEXT_SIZE.key
+        else:
+            first = next(iter(numbers), self._varied[-1])
+        return make_factor(self._known(self.x_key, "report.x") or first)
+
+    @cached_property
+    def color(self) -> Factor:
+        """The factor that colours tell apart; the planner where no other key is varied."""
+        others = [key for key in self._varied if key != self.x.key]
+        return make_factor(self._known(self.color_key, "report.color") or next(iter(others), PLANNER.key))
+
+    def _known(self, key: str | None, name: str) -> str | None:
+        if key is not None and key not in self.settings[0].values:
+            raise ConfigError(
+                f"{name} = {key!r} is not among the keys that vary: {', '.join(self.settings[0].values)}."
+            )
+        return key
+
+    @cached_property
+    def factors(self) -> list[Factor]:
+        """Both factors, and those that every table of runs has a column for."""
+        return list(dict.fromkeys([LAYOUT, PLANNER, CONTEXT_SIZE, self.color, self.x]))
+
+    @cached_property
+    def x_values(self) -> list[Value]:
+        """The values on the x axis: numbers ascending, names in the order of the settings."""
+        values = self._values(self.x.key)
+        return values if any(isinstance(value, str) for value in values) else sorted(values)
+
+    @cached_property
+    def color_values(self) -> list[Value]:
+        """The values that colours tell apart: planners in the order of `PLANNERS`, others in that of the settings."""
+        return list(self.planners) if self.color == PLANNER else self._values(self.color.key)
 
     @property
     def context_sizes(self) -> list[int]:
         """All context sizes, ascending."""
-        return sorted({job.context_size for job in self.jobs})
+        return sorted({setting.context_size for setting in self.settings})
 
     @property
     def planners(self) -> list[str]:
         """The planners that were run, in the order of `PLANNERS`, others after them in that of their names."""
-        return sorted({job.planner for job in self.jobs}, key=lambda kind: ([*PLANNERS, kind].index(kind), kind))
+        kinds = {setting.planner for setting in self.settings}
+        return sorted(kinds, key=lambda kind: ([*PLANNERS, kind].index(kind), kind))
 
     @property
     def layouts(self) -> list[str]:
-        """The layouts that were flown in, in the order of the jobs."""
-        return list(dict.fromkeys(job.layout for job in self.jobs))
+        """The layouts that were flown in, in the order of the settings."""
+        return list(dict.fromkeys(setting.layout for setting in self.settings))
 
-    def job(self, context_size: int, planner: str | None = None, layout: str | None = None) -> Job | None:
-        """The first job of a setting (of any planner or layout where none is given), or None where it was not run."""
-        return next(
-            (
-                job
-                for job in self.jobs
-                if job.context_size == context_size and planner in (None, job.planner) and layout in (None, job.layout)
-            ),
-            None,
-        )
+    def where(self, values: Mapping[str, Value]) -> list[Setting]:
+        """The settings that have some values: key -> value."""
+        return [setting for setting in self.settings if values.items() <= setting.values.items()]
+
+    def setting(self, context_size: int, planner: str | None = None, layout: str | None = None) -> Setting | None:
+        """The first setting of a context size (and a planner, and a layout), or None where it was not run."""
+        values = {CONTEXT_SIZE.key: context_size, PLANNER.key: planner, LAYOUT.key: layout}
+        return next(iter(self.where({key: value for key, value in values.items() if value is not None})), None)
 
     @cached_property
     def runs(self) -> pd.DataFrame:
-        """One row per run of control, columns `RUN_COLUMNS`."""
-        table = pd.concat([read_runs(job) for job in self.jobs])
-        return table.sort_values(["context_size", "planner", "layout", "member", "run"], ignore_index=True)
+        """One row per run of control: `RUN_COLUMNS`, and a column for each factor that is not among them."""
+        table = pd.concat([self._with_factors(read_runs(setting), setting) for setting in self.settings])
+        order = ["context_size", "planner", "layout", *self._own_columns, "member", "run"]
+        places = {value: place for place, value in enumerate(self.x_values)}
+        if any(isinstance(value, str) for value in places):  # names have no order of their own
+            order = [self.x.column, *(column for column in order if column != self.x.column)]
+            names = {self.x.column}
+        else:
+            names = set()
+        return table.sort_values(
+            order, key=lambda column: column.map(places) if column.name in names else column, ignore_index=True
+        )
+
+    @property
+    def _own_columns(self) -> list[str]:
+        """Columns of factors that the table of a control stage has no column for."""
+        return [factor.column for factor in self.factors if factor.key not in FACTORS]
+
+    def _with_factors(self, table: pd.DataFrame, setting: Setting) -> pd.DataFrame:
+        """A table with the columns of the factors that it lacks, after those that it has."""
+        for factor in self.factors:
+            if factor.key not in FACTORS:
+                table.insert(list(table).index("member"), factor.column, setting.values[factor.key])
+            elif factor in (self.x, self.color) and factor.key in setting.values:
+                table[factor.column] = setting.values[factor.key]
+        return table
 
     @cached_property
     def validation(self) -> pd.DataFrame:
         """One row per training, member and epoch: `layout`, `context_size`, then `VALIDATION_COLUMNS`.
 
-        `layout` is the first one flown in with the models of that training.
+        `layout` is the first one flown in with the models of that training. Another factor has a column, too, where
+        trainings have one value of it each.
         """
-        folders: dict[Path, Job] = {}
-        for job in self.jobs:
-            for folder in job.train:
-                folders.setdefault(folder, job)
+        trainings: dict[Path, Setting] = {}
+        for setting in self.settings:
+            for folder in setting.train:
+                trainings.setdefault(folder, setting)
+        own = [factor for factor in self.factors if factor.key not in FACTORS and self._is_trained(factor)]
         tables = []
-        for folder, job in folders.items():
-            table = _read_table(folder / "validation.csv", VALIDATION_COLUMNS)
-            tables.append(table.assign(layout=job.layout, context_size=job.context_size))
-        columns = ["layout", "context_size", *VALIDATION_COLUMNS]
-        return pd.concat(tables)[columns].sort_values(["layout", "context_size", "member", "epoch"], ignore_index=True)
+        for folder, setting in trainings.items():
+            table = files.read_validation(folder).assign(layout=setting.layout, context_size=setting.context_size)
+            tables.append(table.assign(**{factor.column: setting.values[factor.key] for factor in own}))
+        keys = ["layout", "context_size", *(factor.column for factor in own)]
+        table = pd.concat(tables)[[*keys, *VALIDATION_COLUMNS]]
+        return table.sort_values([*keys, "member", "epoch"], ignore_index=True)
+
+    def _is_trained(self, factor: Factor) -> bool:
+        """Whether each training has a single value of a factor."""
+        pairs = {(folder, setting.values[factor.key]) for setting in self.settings for folder in setting.train}
+        return len(pairs) == len({folder for folder, _ in pairs})
+
+    @property
+    def trainings(self) -> list[str]:
+        """Columns of `validation` that tell trainings apart."""
+        return [str(column) for column in self.validation if column not in VALIDATION_COLUMNS]
 
     @cached_property
     def last_epoch(self) -> pd.DataFrame:
         """`validation` at the last epoch of each training, whose weights control uses."""
-        last = self.validation.groupby(["layout", "context_size"])["epoch"].transform("max")
+        last = self.validation.groupby(self.trainings)["epoch"].transform("max")
         return self.validation[self.validation["epoch"] == last].reset_index(drop=True)
 
     def maps(self, layout: str | None = None) -> dict[int, Maps]:
-        """Context size (above 0: there is no map without a code) -> affordance maps of the jobs of a layout.
+        """Context size (above 0: there is no map without a code) -> affordance maps of the settings of a layout.
 
-        Without a layout: of all jobs' first one.
+        Without a layout: of all settings' first one.
         """
-        jobs = {size: self.job(size, layout=layout) for size in self.context_sizes if size > 0}
-        return {size: self._read_maps(job.map) for size, job in jobs.items() if job}
+        settings = {size: self.setting(size, layout=layout) for size in self.context_sizes if size > 0}
+        return {size: self.read_maps(setting) for size, setting in settings.items() if setting}
+
+    def read_maps(self, setting: Setting) -> Maps:
+        """The affordance maps of a setting."""
+        return self._read_maps(setting.map)
 
     @property
     def growth_maps(self) -> Maps | None:
         """The maps of the longer training, with their snapshots."""
-        return self._read_maps(self.growth.map) if self.growth else None
+        return self.read_maps(self.growth) if self.growth else None
 
     @cached_property
     def _read_maps(self) -> Callable[[tuple[Path, ...]], Maps]:
-        return cache(read_maps)
+        return cache(files.read_maps)
+
+    def exploration(self, setting: Setting) -> Exploration:
+        """Places that the data set of a setting has been to."""
+        return files.read_coverage(setting.data[0])
+
+    def map_world(self, setting: Setting) -> Layout:
+        """The layout whose maps a setting has painted."""
+        return Layout.model_validate(self.provenance[setting.map[0]]["config"]["map_layout"])
+
+    def training_worlds(self, setting: Setting) -> list[Layout]:
+        """The layouts that a setting's data come from."""
+        return [Layout.model_validate(each) for each in self.provenance[setting.data[0]]["config"]["training_layouts"]]
+
+    def worlds(self, setting: Setting) -> list[Layout]:
+        """The layout of each of a setting's B runs."""
+        return [layout for folder in setting.control for layout in self._read_layouts(folder)]
 
     @cached_property
-    def exploration(self) -> Exploration:
-        """Where the data set of the first job has been."""
-        return _read_arrays(Exploration, self.jobs[0].data[0] / "coverage.npz")
+    def _read_layouts(self) -> Callable[[Path], list[Layout]]:
+        return cache(files.read_layouts)
 
-    def map_world(self, job: Job) -> World:
-        """The world whose maps a job has painted."""
-        config = self.provenance[job.map[0]]["config"]
-        return World.of(config["map_layout"], config["vehicle"])
+    def vehicle_radius(self, setting: Setting) -> float:
+        """Radius of the vehicle of a setting, u."""
+        return float(self.provenance[setting.control[0]]["config"]["vehicle"]["radius"])
 
-    def training_worlds(self, job: Job) -> list[World]:
-        """The worlds that a job's data come from."""
-        config = self.provenance[job.data[0]]["config"]
-        return [World.of(layout, config["vehicle"]) for layout in config["training_layouts"]]
-
-    def worlds(self, job: Job) -> list[World]:
-        """The world of each of a job's B runs."""
-        vehicle = self.provenance[job.control[0]]["config"]["vehicle"]
-        with guarded_read(job.control[0] / LAYOUTS):
-            return [World.of(layout, vehicle) for layout in _read_layouts(job)]
-
-    def sights(self, job: Job) -> list[Sight]:
-        """What each of a job's B runs could see."""
-        with guarded_read(job.control[0] / LAYOUTS):
-            return [Sight.of(layout) for layout in _read_layouts(job)]
-
-    def trajectories(self, job: Job) -> Trajectories:
-        """What control recorded in one setting."""
-        parts = [_read_arrays(Trajectories, folder / "trajectories.npz") for folder in job.control]
-        return Trajectories(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    def trajectories(self, setting: Setting) -> Trajectories:
+        """Recorded runs of a setting."""
+        return files.read_trajectories(setting.control)
 
     @cached_property
     def provenance(self) -> dict[Path, dict[str, Any]]:
         """Stage folder -> what it says about its origin; in the order of the stages."""
-        return read_provenance([*self.jobs, *([self.growth] if self.growth else [])])
+        return read_provenance([*self.settings, *([self.growth] if self.growth else [])])
 
 
-def join(jobs: Sequence[Job]) -> tuple[Job, ...]:
-    """Put those jobs together that are one setting, whose members were divided among them; none is in two of them."""
-    settings: dict[str, list[tuple[int, Job]]] = {}
-    for job in jobs:
-        configs = [_read_provenance(folder / PROVENANCE)["config"] for folder in (*job.map, *job.control)]
+def _is_same(one: Sequence[Value], other: Sequence[Value]) -> bool:
+    """Whether two keys' values, in the order of the settings, follow from each other."""
+    pairs = set(zip(one, other, strict=True))
+    return len(pairs) == len(set(one)) == len(set(other))
+
+
+def join(settings: Sequence[Setting]) -> tuple[Setting, ...]:
+    """Put settings together whose members were divided among jobs; no member is in two of them."""
+    parts: dict[str, list[tuple[int, Setting]]] = {}
+    for setting in settings:
+        configs = [files.read_origin(folder)["config"] for folder in (*setting.map, *setting.control)]
         rest = [{key: value for key, value in config.items() if key not in ("seed", "members")} for config in configs]
-        settings.setdefault(canonical(rest), []).append((configs[-1]["seed"], job))
-    return tuple(_joined(parts) for parts in settings.values())
+        parts.setdefault(canonical(rest), []).append((configs[-1]["seed"], setting))
+    return tuple(_joined(part) for part in parts.values())
 
 
-def _joined(parts: Sequence[tuple[int, Job]]) -> Job:
-    ordered = [job for _, job in sorted(parts, key=itemgetter(0))]
-    first = ordered[0]
-    # Parts share the data.
-    folders = [tuple(dict.fromkeys(folder for job in ordered for folder in getattr(job, stage))) for stage in STAGES]
-    return Job(first.context_size, first.planner, first.layout, *folders)
+def _joined(parts: Sequence[tuple[int, Setting]]) -> Setting:
+    ordered = [setting for _, setting in sorted(parts, key=itemgetter(0))]
+    folders = {
+        stage: tuple(dict.fromkeys(folder for setting in ordered for folder in setting.folders[stage]))  # data: shared
+        for stage in STAGES
+    }
+    return Setting(ordered[0].values, folders)
 
 
-def read_provenance(jobs: Sequence[Job]) -> dict[Path, dict[str, Any]]:
+def read_provenance(settings: Sequence[Setting]) -> dict[Path, dict[str, Any]]:
     """Stage folder -> what it says about its origin; in the order of the stages."""
-    folders = dict.fromkeys(folder for stage in STAGES for job in jobs for folder in getattr(job, stage))
-    return {folder: _read_provenance(folder / PROVENANCE) for folder in folders}
+    folders = dict.fromkeys(folder for stage in STAGES for setting in settings for folder in setting.folders[stage])
+    return {folder: files.read_origin(folder) for folder in folders}
 
 
-def read_runs(job: Job) -> pd.DataFrame:
-    """The runs of a job, one a row, columns `RUN_COLUMNS`."""
-    table = pd.concat([_read_table(folder / "runs.csv", RUN_COLUMNS) for folder in job.control], ignore_index=True)
-    return table.astype({"steps_to_reach": "Int64"})
+def read_runs(setting: Setting) -> pd.DataFrame:
+    """The runs of a setting, one a row, columns `RUN_COLUMNS`; those that a stored table lacks are computed."""
+    return pd.concat([_read_runs(folder) for folder in setting.control], ignore_index=True)
 
 
-def read_maps(folders: Sequence[Path]) -> Maps:
-    """The affordance maps of all members."""
-    parts = [_read_arrays(Maps, folder / "maps.npz") for folder in folders]
-    return parts[0]._replace(
-        codes=np.concatenate([part.codes for part in parts]),
-        initial_codes=np.concatenate([part.initial_codes for part in parts]),
-        snapshot_codes=np.concatenate([part.snapshot_codes for part in parts], axis=1 if len(parts[0].epochs) else 0),
-        member=np.concatenate([part.member for part in parts]),
-    )
+def _read_runs(folder: Path) -> pd.DataFrame:
+    table = files.read_runs(folder, [column for column in STORED if column not in METRICS])
+    lacking = [column for column in RUN_COLUMNS if column not in table]
+    if lacking:
+        table = table.join(summarise(files.read_trajectories([folder]), lacking))
+    return table[RUN_COLUMNS].astype({"steps_to_reach": "Int64"})
 
 
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:
@@ -237,38 +343,3 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
     """Write a table with the same bytes on every machine; its folder is made where it is missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
-
-
-def _read_layouts(job: Job) -> list[dict[str, Any]]:
-    """The layout of each of a job's B runs."""
-    return [layout for folder in job.control for layout in _read_json(folder / LAYOUTS)]
-
-
-def _read_json(path: Path) -> Any:
-    with guarded_read(path):
-        return json.loads(path.read_text("utf-8"))
-
-
-def _read_provenance(path: Path) -> dict[str, Any]:
-    with guarded_read(path):
-        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
-        for key in ("stage", "digest", "config"):
-            record[key]
-        return record
-
-
-def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    with guarded_read(path):
-        table = pd.read_csv(path)
-    missing = [column for column in columns if column not in table]
-    if missing:
-        raise ConfigError(
-            f"{path} lacks the columns {missing}: another version wrote it; remove its folder and run again."
-        )
-    return table[list(columns)]
-
-
-def _read_arrays(record: type[Record], path: Path) -> Record:
-    found = read_arrays(path)
-    with guarded_read(path):
-        return record(**{field: found[field][()] for field in record._fields})

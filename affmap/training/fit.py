@@ -22,9 +22,10 @@ from torch import Tensor
 from affmap.data.batches import DataModule
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
+from affmap.results.files import write_validation
 from affmap.store.files import guarded_read, sha256, written
 from affmap.training.module import TrainingModule
-from affmap.training.settings import VALIDATION, TrainingSettings
+from affmap.training.settings import TrainingSettings
 from affmap.training.tensorboard import Board
 
 log = logging.getLogger("affmap")
@@ -111,7 +112,7 @@ def fit(
     for epoch, weights in epochs.snapshots.items():
         save(weights, folder / SNAPSHOT.format(epoch=f"{epoch:03d}"))
     save(copy(stack), folder / WEIGHTS)
-    losses(module).to_csv(folder / VALIDATION, index=False, float_format="%.6f")
+    write_validation(folder, losses(module))
 
 
 def _train(module: TrainingModule, data: DataModule, checkpoints: Path, epochs: _Epochs) -> None:

@@ -6,9 +6,6 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from affmap.settings import Count, Positive, Settings
 
-VALIDATION = "validation.csv"
-"""The table of losses that a training leaves."""
-
 
 def _kind(value: Any) -> str:
     return "trials" if isinstance(value, (list, tuple)) else "number"

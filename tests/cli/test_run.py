@@ -28,7 +28,7 @@ from affmap.model.weights import restore
 from affmap.pipeline.completed import completed
 from affmap.pipeline.train import TRAIN
 from affmap.random import generator
-from affmap.results.files import Job
+from affmap.results.setting import Setting
 from affmap.results.tables import RUN_COLUMNS, VALIDATION_COLUMNS, Results
 from affmap.settings import ConfigError
 from affmap.store.store import Store
@@ -44,7 +44,7 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
-def found(folder: Path, *overrides: str) -> Job:
+def found(folder: Path, *overrides: str) -> Setting:
     """The one job of a command line, complete."""
     (config,) = jobs(folder, *overrides)
     job = pipeline.find(config)
@@ -96,7 +96,7 @@ def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
     assert rows == [[c, "cem", m, r] for c in (0, 1) for m in (0, 1) for r in range(4)]
     assert set(results.validation.columns) == {"layout", "context_size", *VALIDATION_COLUMNS}
     assert len(results.validation) == 2 * 2 * 2
-    job = results.job(1, "cem", "original")
+    job = results.setting(1, "cem", "original")
     assert job is not None
     trajectories = results.trajectories(job)
     assert trajectories.in_fog.shape == trajectories.reached.shape == (8, 3)
@@ -110,7 +110,7 @@ def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
             assert (place >= low - 1e-6).all() and (place <= high + 1e-6).all()
     maps = results.maps("original")[1]
     assert maps.codes.shape == (2, 9, 13, 1) and maps.member.tolist() == [0, 1] and maps.snapshots == {}
-    assert results.exploration.counts.shape == (1, 20, 30) and results.exploration.counts.sum() == 4 * 21
+    assert results.exploration(job).counts.shape == (1, 20, 30) and results.exploration(job).counts.sum() == 4 * 21
     assert len(results.worlds(job)) == 8 and set(results.worlds(job)) == {results.map_world(job)}
     assert results.training_worlds(job) == [results.map_world(job)]
     assert results.runs["crossable"].all() and not results.runs["steps_in_fog"].any()
@@ -349,7 +349,7 @@ def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_setting
         ]
         worlds = [[(c.x, c.y, c.radius, c.effect) for c in world.circles] for world in results.worlds(job)]
         assert worlds == [[(*c.center, c.radius, c.effect) for c in layout.circles] for layout in expected]
-        assert results.exploration.counts.shape == (4, 20, 30)
+        assert results.exploration(job).counts.shape == (4, 20, 30)
 
 
 def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
@@ -360,8 +360,8 @@ def test_a_growth_run_is_made_with_its_experiment(tmp_path: Path) -> None:
     assert "exp3_growth: all 1 settings are complete" in result.stdout
     asked = Sweep.read([*line(tmp_path), *overrides])
     whole = completed(asked)
-    results = whole.results
-    assert whole.missing == "" and results.growth is not None and len(results.jobs) == 1
+    results = Results(whole.settings, whole.growth)
+    assert whole.missing == "" and results.growth is not None and len(results.settings) == 1
     maps = results.growth_maps
     assert maps is not None and maps.epochs.tolist() == [1, 2] and maps.codes.shape == (2, 9, 13, 8)
     np.testing.assert_array_equal(maps.snapshots[2].codes, maps.codes)
@@ -375,7 +375,7 @@ def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
     """On request only: the two settings of three that are complete, and a sentence about the third."""
     wanted = [*line(swept), "planner=cem", "model.context_size=0,1,3"]
     part = completed(Sweep.read([*wanted, "report.partial=true"]))
-    assert [job.context_size for job in part.jobs] == [0, 1]
+    assert [job.context_size for job in part.settings] == [0, 1]
     assert part.missing == "1 of 3 settings are not complete (model.context_size=3)"
     with pytest.raises(ConfigError, match="1 of 3 settings are not complete"):
         completed(Sweep.read(wanted))
@@ -386,13 +386,11 @@ def test_a_partial_report_is_made_of_what_there_is(swept: Path) -> None:
 def test_one_factor_at_a_time(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A sweep over a key that reports do not tell apart: a table of its values on request, else a sentence."""
+    """A table of the values of a key on request, with no other key varied."""
     monkeypatch.chdir(tmp_path)
     overrides = ["model.context_size=1", "control.beta=1,10", f"output={tmp_path / 'beta'}"]
     for beta in (1, 10):
         pipeline.run(jobs(swept, "model.context_size=1", f"control.beta={beta}")[0])
-    assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides]) == 2
-    assert "report.compare=<key> makes a table" in capsys.readouterr().err
     assert in_process(monkeypatch, "affmap-report", [*line(swept), *overrides, "report.compare=control.beta"]) == 0
     table = pd.read_csv(tmp_path / "beta/tables/control_beta.csv")
     assert set(table["a"]) == {1} and set(table["b"]) == {10} and set(table["members"]) == {2}

@@ -175,4 +175,4 @@ def test_a_report_needs_trials(
     for entry in ("affmap-report", "affmap-publish"):
         assert in_process(monkeypatch, entry, line(tmp_path, "search=cem", "notice=null")) == 2
         told = capsys.readouterr().err
-        assert "holds no trials; run `affmap`" in told or "holds no report of these trials" in told
+        assert "holds no trials; run `affmap`" in told or "holds no search of these results" in told

@@ -236,6 +236,9 @@ def test_summaries_worked_out_by_hand() -> None:
         "in_fog": np.array([[0, 1, 0, 0], [0, 0, 0, 0], [1, 1, 0, 0]], bool),
         "member": np.array([4, 4, 5]),
         "run": np.array([0, 1, 0]),
+        "action": np.zeros((3, 4, 4)),
+        "planned_position": np.zeros((3, 4, 20, 2)),
+        "planned_std": np.zeros((3, 4, 20, 2)),
     }
     expected = pd.DataFrame(
         {

@@ -9,7 +9,6 @@ from affmap.env.layout import Circle, Layout
 from affmap.env.physics import Physics
 from affmap.env.rendering import Canvas, Scene
 from affmap.report.drawing.arena import effect_handles
-from affmap.results.files import World
 
 
 def test_every_effect_can_be_told_from_the_others() -> None:
@@ -34,5 +33,4 @@ def test_a_line_makes_a_new_force(monkeypatch: pytest.MonkeyPatch) -> None:
     canvas.draw(Scene(layout, np.array([0.2, 0.2]), np.zeros(4), np.array([2.8, 1.8]), 0.1))
     height, width, _ = canvas.array().shape
     assert tuple(canvas.array()[height // 2, width // 2]) == (0x12, 0x34, 0x56)
-    world = World.of(layout.model_dump(mode="json"), vehicle.model_dump(mode="json"))
-    assert [handle.get_label() for handle in effect_handles([world])] == ["blows to the left"]
+    assert [handle.get_label() for handle in effect_handles([layout])] == ["blows to the left"]

@@ -1,12 +1,14 @@
 """Whether worlds can be crossed: worlds made by hand whose answer is plain, and a graph search of our own."""
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from affmap.env import geometry
 from affmap.env.body import Vehicle
 from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
@@ -174,3 +176,35 @@ def test_it_agrees_with_a_search_of_our_own(circles: list[tuple[float, float, fl
     goals = np.random.default_rng(0).integers(0, 61, (20, 2))
     for column, row in goals.tolist():
         assert crossable(layout, VEHICLE, start, np.array([column, row]) / 100) == found[column, row]
+
+
+def test_surface_distance_by_hand(world: Layout) -> None:
+    positions = np.array([[0.1, 1.0], [0.75, 0.9], [0.75, 0.5], [3.1, 1.0]])
+    assert geometry.surface_distance(positions, world) == pytest.approx([0.1, 0.2, -0.2, -0.1])
+    assert geometry.reachable(positions, world, 0.06).tolist() == [True, True, False, False]
+
+
+def test_circles_without_resistance_can_be_entered(load_world: Callable[[str], Layout]) -> None:
+    center = np.array([[0.75, 0.5], [0.375, 1.0]])
+    assert geometry.reachable(center, load_world("fog"), 0.06).tolist() == [True, True]
+    assert geometry.reachable(center, load_world("three_looks"), 0.06).tolist() == [False, True], (
+        "an obstacle, a meaningless circle"
+    )
+
+
+@pytest.mark.parametrize("layout", ["three_looks", "two_obstacles", "four_properties"])
+def test_what_is_seen_alone_is_what_a_fine_picture_shows_alone(
+    layout: str, load_world: Callable[[str], Layout]
+) -> None:
+    """The square of a view, sampled 0.01 u apart: no sample is in another thing; where not alone, one nearly is."""
+    world = load_world(layout)
+    nodes = np.random.default_rng(3).uniform((0, 0), world.size, size=(150, 2))
+    offsets = np.linspace(-0.25, 0.25, 51)
+    seen = nodes[:, None, None] + np.stack(np.meshgrid(offsets, offsets), axis=-1)  # [nodes, 51, 51, 2]
+    for things in ((), ("left",), tuple(geometry.DIRECTIONS), (world.circles[-1],)):
+        depths = [-geometry.border_distance(seen, world, side) for side in geometry.DIRECTIONS if side not in things]
+        depths += [-geometry.circle_distance(seen, circle) for circle in world.circles if circle not in things]
+        deepest = np.max(depths, axis=(0, 2, 3))  # how far the nearest sample is inside another thing, u
+        alone = geometry.sees_only(nodes, world, things)
+        assert alone.any() and not alone.all()
+        assert (deepest[alone] <= 1e-9).all() and (deepest[~alone] > -0.008).all()

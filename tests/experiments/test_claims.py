@@ -13,13 +13,13 @@ from affmap.experiments.exp4 import claims as experiment4
 from affmap.experiments.exp5 import claims as experiment5
 from affmap.results import scores
 from affmap.results.claims import Score
-from affmap.results.files import Job, Maps
-from affmap.results.setting import ReportSettings
+from affmap.results.files import Maps
+from affmap.results.setting import STAGES, ReportSettings, Setting
 from affmap.results.statistics import Verdict
 from affmap.results.tables import Results
 
-WriteStages = Callable[..., list[Job]]
-WriteGrowth = Callable[..., Job]
+WriteStages = Callable[..., list[Setting]]
+WriteGrowth = Callable[..., Setting]
 EXPERIMENTS = ("exp1", "exp2", "exp3", "exp4", "exp5")
 HOLDS, DOES_NOT_HOLD, NOT_DECIDED = Verdict.HOLDS, Verdict.DOES_NOT_HOLD, Verdict.NOT_DECIDED
 
@@ -37,7 +37,7 @@ def stages(
 @pytest.fixture
 def fresh(stages: dict[str, Results]) -> Callable[[str], Results]:
     """Results of an experiment that a test may change."""
-    return lambda name: Results(stages[name].jobs, stages[name].growth)
+    return lambda name: Results(stages[name].settings, stages[name].growth)
 
 
 Fresh = Callable[[str], Results]
@@ -120,7 +120,9 @@ def test_what_was_not_run_is_not_decided(
 
 
 def test_maps_and_runs_of_one_context_size_decide_what_they_can(stages: dict[str, Results]) -> None:
-    largest = {name: tuple(job for job in results.jobs if job.context_size == 8) for name, results in stages.items()}
+    largest = {
+        name: tuple(job for job in results.settings if job.context_size == 8) for name, results in stages.items()
+    }
     found: dict[str, Verdict] = {}
     for name in EXPERIMENTS:
         found |= verdicts(Results(largest[name]), name)
@@ -131,7 +133,7 @@ def test_maps_and_runs_of_one_context_size_decide_what_they_can(stages: dict[str
 
 def test_what_is_missing_is_named(stages: dict[str, Results]) -> None:
     of_layout = {
-        name: Results(tuple(job for job in results.jobs if job.layout == results.layouts[0]))
+        name: Results(tuple(job for job in results.settings if job.layout == results.layouts[0]))
         for name, results in stages.items()
     }
     assert parts(of_layout["exp2"], "exp2", "II-1")["b"]["note"] == "EB in the world with 12 obstacles was not run"
@@ -140,7 +142,7 @@ def test_what_is_missing_is_named(stages: dict[str, Results]) -> None:
     assert parts(of_layout["exp3"], "exp3", "III-2")["a"]["note"] == "needs a context size above 0"
     assert "longer training" in parts(of_layout["exp3"], "exp3", "III-3")["a"]["note"]
     assert parts(of_layout["exp5"], "exp5", "V-2")["error"]["note"] == "needs runs of both layouts"
-    gradient = Results(tuple(job for job in stages["exp1"].jobs if job.planner == "gradient"))
+    gradient = Results(tuple(job for job in stages["exp1"].settings if job.planner == "gradient"))
     assert parts(gradient, "exp1", "I-2")[""]["note"] == "EB was not run"
     assert parts(gradient, "exp1", "I-6")[""]["note"] == "needs runs of both planners"
 
@@ -201,7 +203,7 @@ def test_what_an_untrained_map_shows_already_was_not_learned(write_stages: Write
         assert {row["verdict"] for row in rows.values()} == {"holds"}
 
 
-def change_maps(job: Job, change: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]) -> None:
+def change_maps(job: Setting, change: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]) -> None:
     with np.load(job.map[0] / "maps.npz") as arrays:
         content = dict(arrays)
     np.savez(job.map[0] / "maps.npz", **content | change(content))
@@ -226,7 +228,7 @@ def test_the_worlds_are_told_apart(fresh: Fresh) -> None:
 
 def test_context_sizes_weigh_the_same_and_only_common_ones_count(stages: dict[str, Results]) -> None:
     """C = 8 was not run with 2 obstacles, so it does not count for the original world, either."""
-    jobs = [job for job in stages["exp2"].jobs if (job.layout, job.context_size) != ("two_obstacles", 8)]
+    jobs = [job for job in stages["exp2"].settings if (job.layout, job.context_size) != ("two_obstacles", 8)]
     results = Results(tuple(jobs))
     row = parts(results, "exp2", "II-3")["a"]
     runs = results.runs[results.runs["context_size"] < 8]
@@ -241,7 +243,7 @@ def test_the_gradient_based_planner_is_left_out_where_the_paper_has_it_not(
 ) -> None:
     """GB's runs differ, so that any of them among the others would show."""
     both = Results(tuple(write_stages(tmp_path, (0, 8), ("cem", "gradient"), steps=30, experiment=experiment)))
-    evolutionary = Results(tuple(job for job in both.jobs if job.planner == "cem"))
+    evolutionary = Results(tuple(job for job in both.settings if job.planner == "cem"))
     claims = claims_about(experiment)
     assert scores.score(both, claims) == scores.score(evolutionary, claims)
 
@@ -283,7 +285,7 @@ def test_the_trace_is_that_of_the_hard_world_at_the_largest_context(
     """Half an obstacle's distance is a trace, a twentieth is none, and about a tenth is not decided."""
     seen = []
 
-    def trace(maps: Maps, world: Any) -> tuple[np.ndarray, np.ndarray]:
+    def trace(maps: Maps, world: Any, radius: float) -> tuple[np.ndarray, np.ndarray]:
         trained = maps.codes is not maps.initial_codes
         seen.append((world.name, maps.codes.shape[-1], trained))
         return (np.full(6, ratio) + wobble if trained else np.full(6, 2.0)) * 3.0, np.full(6, 3.0)
@@ -312,21 +314,21 @@ def test_looks_that_come_to_matter_do_not_vanish(
     """The snapshots in reverse: after the last epoch looks matter most, yet less than in codes that are all noise."""
     growth = write_growth(tmp_path)
     change_maps(growth, lambda arrays: {"snapshot_codes": arrays["snapshot_codes"][::-1]})
-    rows = parts(Results(stages["exp3"].jobs, growth), "exp3", "III-3")
+    rows = parts(Results(stages["exp3"].settings, growth), "exp3", "III-3")
     assert (rows["a"]["part_verdict"], rows["b"]["part_verdict"]) == (DOES_NOT_HOLD, HOLDS)
     first = parts(stages["exp3"], "exp3", "III-3")
     assert rows["a"]["effect"] == pytest.approx(-first["a"]["effect"])
     assert first["a"]["effect_of"].endswith("epoch 100 minus epoch 1")
     assert rows["b"]["effect"] - first["b"]["effect"] == pytest.approx(rows["a"]["effect"]), "the last epoch counts"
     change_maps(growth, lambda arrays: {"initial_codes": arrays["codes"]})  # no looks from the start
-    assert parts(Results(stages["exp3"].jobs, growth), "exp3", "III-3")["b"]["part_verdict"] == DOES_NOT_HOLD
+    assert parts(Results(stages["exp3"].settings, growth), "exp3", "III-3")["b"]["part_verdict"] == DOES_NOT_HOLD
 
 
 @pytest.mark.parametrize(("epochs", "members"), [((1, 2), 2), ((2,), 6)])
 def test_few_snapshots_or_members_decide_no_growth(
     write_growth: WriteGrowth, stages: dict[str, Results], tmp_path: Path, epochs: tuple[int, ...], members: int
 ) -> None:
-    results = Results(stages["exp3"].jobs, write_growth(tmp_path, members, epochs))
+    results = Results(stages["exp3"].settings, write_growth(tmp_path, members, epochs))
     row = parts(results, "exp3", "III-3")["a"]
     assert (row["part_verdict"], row["note"] != "") == (NOT_DECIDED, True)
 
@@ -474,8 +476,15 @@ def test_a_missing_number_has_no_median(fresh: Fresh) -> None:
 def test_tables_name_what_is_wrong(stages: dict[str, Results], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="at least one completed setting"):
         Results(())
-    with pytest.raises(ValueError, match="tells settings apart by context size, planner and layout"):
-        Results(stages["exp1"].jobs[:1] * 2)
+    with pytest.raises(ValueError, match="tells settings apart by their values"):
+        Results(stages["exp1"].settings[:1] * 2)
     pd.DataFrame({"member": [0]}).to_csv(tmp_path / "runs.csv")
     with pytest.raises(ValueError, match="lacks the columns"):
-        _ = Results((Job(0, "cem", "original", *[(tmp_path,)] * 4),)).runs
+        _ = Results(
+            (
+                Setting(
+                    {"model.context_size": 0, "planner": "cem", "control_layout": "original"},
+                    dict.fromkeys(STAGES, (tmp_path,)),
+                ),
+            )
+        ).runs

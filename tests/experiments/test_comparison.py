@@ -15,8 +15,7 @@ from affmap.experiments.comparison.report import ComparisonReport
 from affmap.report import build
 from affmap.report.experiment import ExperimentReport
 from affmap.results import manifest
-from affmap.results.files import Job
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -150,7 +149,7 @@ def test_the_error_of_context_codes_is_the_mean_over_runs() -> None:
     ],
 )
 def test_any_key_of_the_configuration_can_be_compared(
-    write_stages: Callable[..., list[Job]], tmp_path: Path, key: str, values: list[object], settings: list[str]
+    write_stages: Callable[..., list[Setting]], tmp_path: Path, key: str, values: list[object], settings: list[str]
 ) -> None:
     """Names and numbers; by construction the world of two obstacles has distances 0.1 u larger than the original."""
     jobs = write_stages(tmp_path / "stages", (0, 8), members=6, epochs=1, steps=10, experiment="exp2")
@@ -186,7 +185,7 @@ def test_any_key_of_the_configuration_can_be_compared(
         assert farther["difference"].to_numpy() == pytest.approx([0.1, 0.1], abs=0.05)
 
 
-def test_a_key_that_runs_do_not_have_is_refused(write_stages: Callable[..., list[Job]], tmp_path: Path) -> None:
+def test_a_key_that_runs_do_not_have_is_refused(write_stages: Callable[..., list[Setting]], tmp_path: Path) -> None:
     jobs = write_stages(tmp_path, (0,), planners=("cem",), members=2, epochs=1, steps=10)
     with pytest.raises(ValueError, match=r"'lookup_spacing', which runs of control do not depend on"):
         ComparisonReport(tmp_path / "out", jobs, "lookup_spacing", **TOLD, notice=None)

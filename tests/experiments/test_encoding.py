@@ -5,11 +5,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from stage_files import make_world
 
+from affmap.env.layout import Circle, Layout
 from affmap.experiments import encoding
 from affmap.results import statistics
-from affmap.results.files import Circle, Maps, World
+from affmap.results.files import Maps
 from affmap.results.statistics import Order, Verdict
+
+RADIUS = 0.06
+"""Of the vehicle, u."""
 
 X, Y = np.arange(151) * 0.02, np.arange(101) * 0.02
 NODES = np.stack(np.meshgrid(X, Y), axis=-1)
@@ -17,10 +22,10 @@ BLOCKED = {"right": (1, 0), "left": (-1, 0), "upper": (0, 1), "lower": (0, -1)}
 
 LOWER: Order = "lower"
 HIGHER: Order = "higher"
-LoadWorld = Callable[[str], World]
+LoadWorld = Callable[[str], Layout]
 
 
-def blocked_direction_codes(world: World, obstacle_sign: float = 1.0) -> np.ndarray:
+def blocked_direction_codes(world: Layout, obstacle_sign: float = 1.0) -> np.ndarray:
     """`[Y, X, 2]`: within 0.12 u of a surface the code points towards it, elsewhere it is zero.
 
     With `obstacle_sign` -1 it points away from obstacles, so that their sides look like the wrong border sides.
@@ -55,7 +60,7 @@ def painted(codes: np.ndarray) -> Maps:
     return Maps(values, np.zeros(values.shape), none, np.empty(0, int), X, Y, np.arange(len(values)))
 
 
-def spread(codes: np.ndarray, world: World) -> float:
+def spread(codes: np.ndarray, world: Layout) -> float:
     """Standard deviation of codes `[Y, X, C]` over the nodes that no obstacle or border keeps the vehicle from."""
     clear = (X >= 0.06 - 1e-9) & (X <= 2.94 + 1e-9) & ((Y >= 0.06 - 1e-9) & (Y <= 1.94 + 1e-9))[:, None]
     for circle in world.obstacles:
@@ -68,18 +73,18 @@ def near(circle: Circle) -> np.ndarray:
     return np.hypot(NODES[..., 0] - circle.x, NODES[..., 1] - circle.y) < circle.radius + 0.12
 
 
-def test_codes_that_point_at_surfaces_satisfy_both_parts(world: World) -> None:
+def test_codes_that_point_at_surfaces_satisfy_both_parts(world: Layout) -> None:
     arrays = stack(blocked_direction_codes(world))
     for compare, order in ((encoding.obstacle_contrast, HIGHER), (encoding.side_match, LOWER)):
-        first, second = compare(arrays, world)
+        first, second = compare(arrays, world, RADIUS)
         assert statistics.paired(first, second, order).verdict == Verdict.HOLDS
         assert np.ptp(first) < 1e-3 and np.ptp(second) < 1e-3, "turning and scaling a member's codes changes nothing"
 
 
-def test_matching_sides_by_hand(world: World) -> None:
+def test_matching_sides_by_hand(world: Layout) -> None:
     """On the axes codes are unit vectors: 0 from the match, sqrt 2 from two borders, 2 from the opposite one."""
     arrays = stack(blocked_direction_codes(world))
-    smaller, larger = encoding.side_match(arrays, world)
+    smaller, larger = encoding.side_match(arrays, world, RADIUS)
     scale = spread(blocked_direction_codes(world), world)
     assert smaller == pytest.approx(np.zeros(6), abs=0.02 / scale), (
         "half a node of distance to the axis is a small angle"
@@ -87,26 +92,26 @@ def test_matching_sides_by_hand(world: World) -> None:
     assert larger == pytest.approx(np.full(6, (2 + 2 * np.sqrt(2)) / 3 / scale), rel=0.01)
 
 
-def test_codes_that_point_away_from_obstacles_fail_the_second_part(world: World) -> None:
+def test_codes_that_point_away_from_obstacles_fail_the_second_part(world: Layout) -> None:
     arrays = stack(blocked_direction_codes(world, obstacle_sign=-1.0))
-    assert statistics.paired(*encoding.obstacle_contrast(arrays, world), HIGHER).verdict == Verdict.HOLDS
-    assert statistics.paired(*encoding.side_match(arrays, world), LOWER).verdict == Verdict.DOES_NOT_HOLD
+    assert statistics.paired(*encoding.obstacle_contrast(arrays, world, RADIUS), HIGHER).verdict == Verdict.HOLDS
+    assert statistics.paired(*encoding.side_match(arrays, world, RADIUS), LOWER).verdict == Verdict.DOES_NOT_HOLD
 
 
-def test_a_constant_map_decides_nothing(world: World) -> None:
+def test_a_constant_map_decides_nothing(world: Layout) -> None:
     codes = np.full((6, 101, 151, 3), np.float32(0.1))
     for compare in (encoding.obstacle_contrast, encoding.side_match):
-        outcome = statistics.paired(*compare(painted(codes), world), LOWER)
+        outcome = statistics.paired(*compare(painted(codes), world, RADIUS), LOWER)
         assert outcome.verdict == Verdict.NOT_DECIDED
 
 
 def test_a_world_where_nothing_can_be_seen_alone_gives_no_scores() -> None:
-    crowded = World("crowded", (3.0, 2.0), (Circle(1.5, 1.0, 0.9, "obstacle"),), 0.1, 0.2, 0.06)
+    crowded = make_world((1.5, 1.0, 0.9, "obstacle"))
     arrays = stack(blocked_direction_codes(crowded))
-    smaller, larger = encoding.side_match(arrays, crowded)
+    smaller, larger = encoding.side_match(arrays, crowded, RADIUS)
     assert len(smaller) == len(larger)
-    no_obstacle = World("empty", (3.0, 2.0), (), 0.1, 0.2, 0.06)
-    assert len(encoding.side_match(arrays, no_obstacle)[0]) == 0
+    no_obstacle = make_world()
+    assert len(encoding.side_match(arrays, no_obstacle, RADIUS)[0]) == 0
 
 
 @pytest.mark.parametrize("trace", [0.0, 0.3, 2.0])
@@ -122,7 +127,7 @@ def test_the_trace_of_meaningless_circles_by_hand(load_world: LoadWorld, trace: 
         codes[near(circle)] = (1.0, 0.0) if circle.effect == "obstacle" else (0.0, trace)
     y = NODES[..., 1]
     codes[(y < 0.24) | (y > 1.76) | (np.abs(y - 0.695) < 0.07) | (np.abs(y - 1.305) < 0.07)] = 9.0
-    circles, obstacles = encoding.meaningless_trace(stack(codes), world)
+    circles, obstacles = encoding.meaningless_trace(stack(codes), world, RADIUS)
     assert obstacles == pytest.approx(np.full(6, 1 / spread(codes, world)), rel=1e-5)
     assert circles == pytest.approx(trace * obstacles, rel=1e-5)
 
@@ -132,18 +137,21 @@ def test_the_inside_of_meaningless_circles_counts(load_world: LoadWorld) -> None
     codes = np.zeros((*NODES.shape[:2], 2))
     codes[50, 19] = 1.0  # (0.38, 1): beside the centre of one
     codes[25, 24] = 1.0  # (0.48, 0.5): beside an obstacle
-    circles, obstacles = encoding.meaningless_trace(stack(codes), world)
+    circles, obstacles = encoding.meaningless_trace(stack(codes), world, RADIUS)
     assert (circles > 0).all() and (obstacles > 0).all()
 
 
-def test_a_world_without_meaningless_circles_has_no_trace_to_find(world: World) -> None:
-    assert [len(part) for part in encoding.meaningless_trace(stack(blocked_direction_codes(world)), world)] == [0, 0]
+def test_a_world_without_meaningless_circles_has_no_trace_to_find(world: Layout) -> None:
+    assert [len(part) for part in encoding.meaningless_trace(stack(blocked_direction_codes(world)), world, RADIUS)] == [
+        0,
+        0,
+    ]
 
 
 def test_looks_are_compared_at_the_same_offsets(load_world: LoadWorld) -> None:
     """Codes that point at an obstacle are the same at the same offsets, and would not be at mirrored ones."""
     world = load_world("three_looks")
-    assert encoding.look_difference(stack(blocked_direction_codes(world)), world) == pytest.approx(
+    assert encoding.look_difference(stack(blocked_direction_codes(world)), world, RADIUS) == pytest.approx(
         np.zeros(6), abs=1e-6
     )
 
@@ -156,19 +164,19 @@ def test_the_difference_between_looks_by_hand(load_world: LoadWorld, other: floa
     for circle in world.obstacles:
         codes[near(circle)] = (1.0, 0.0) if circle.y > 1 else (1.0 - other, other)
     expected = other * np.sqrt(2) / spread(codes, world)
-    assert encoding.look_difference(stack(codes), world) == pytest.approx(np.full(6, expected), rel=1e-5)
+    assert encoding.look_difference(stack(codes), world, RADIUS) == pytest.approx(np.full(6, expected), rel=1e-5)
 
 
 def test_obstacles_that_are_no_pair_are_not_compared(load_world: LoadWorld) -> None:
     """Different x, different radius, the same half."""
     centers = [(0.75, 0.5, 0.2), (1.5, 1.5, 0.2), (2.25, 0.5, 0.2), (2.25, 1.5, 0.18), (1.5, 1.2, 0.2)]
-    world = World("odd", (3.0, 2.0), tuple(Circle(*center, "obstacle") for center in centers), 0.1, 0.2, 0.06)
-    assert encoding.look_difference(stack(blocked_direction_codes(world)), world).shape == (0,)
+    world = make_world(*((*center, "obstacle") for center in centers))
+    assert encoding.look_difference(stack(blocked_direction_codes(world)), world, RADIUS).shape == (0,)
 
 
-def kinds_of_codes(world: World, fog: tuple[float, float, float]) -> np.ndarray:
+def kinds_of_codes(world: Layout, fog: tuple[float, float, float]) -> np.ndarray:
     """`[Y, X, 3]`: 0 in free space, unit vectors of the blocked direction at the border, `fog` in fog."""
-    border_only = World("empty", world.size, (), 0.1, 0.2, 0.06)
+    border_only = make_world()
     codes = np.zeros((*NODES.shape[:2], 3))
     codes[..., :2] = blocked_direction_codes(border_only)
     for circle in world.circles:
@@ -176,9 +184,9 @@ def kinds_of_codes(world: World, fog: tuple[float, float, float]) -> np.ndarray:
     return codes
 
 
-def separations(maps: Maps, world: World) -> dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
+def separations(maps: Maps, world: Layout) -> dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
     pairs = itertools.combinations(("free space", "border", "fog"), 2)
-    return {(kind, other): encoding.separation(maps, world, kind, [other]) for kind, other in pairs}
+    return {(kind, other): encoding.separation(maps, world, RADIUS, kind, [other]) for kind, other in pairs}
 
 
 def test_kinds_of_places_by_hand(load_world: LoadWorld) -> None:
@@ -187,7 +195,7 @@ def test_kinds_of_places_by_hand(load_world: LoadWorld) -> None:
     codes = kinds_of_codes(world, (0.0, 0.0, 1.0))
     expected = {("free space", "border"): 1.0, ("free space", "fog"): 1.0, ("border", "fog"): np.sqrt(2)}
     for pair, distance in expected.items():
-        apart, scatter = encoding.separation(stack(codes), world, pair[0], [pair[1]])
+        apart, scatter = encoding.separation(stack(codes), world, RADIUS, pair[0], [pair[1]])
         assert scatter == pytest.approx(np.zeros(6), abs=1e-6)
         assert apart == pytest.approx(np.full(6, distance / spread(codes, world)), rel=1e-5)
 
@@ -217,7 +225,7 @@ def test_fog_that_looks_like_a_side_of_the_border_is_not_apart_from_it(load_worl
         assert statistics.paired(*found[pair], HIGHER).verdict == Verdict.HOLDS
 
 
-def test_without_fog_there_is_nothing_to_tell_apart(world: World) -> None:
+def test_without_fog_there_is_nothing_to_tell_apart(world: Layout) -> None:
     found = separations(stack(blocked_direction_codes(world)), world)
     sizes = {pair: (len(apart), len(scatter)) for pair, (apart, scatter) in found.items()}
     assert sizes == {("free space", "border"): (6, 6), ("free space", "fog"): (0, 0), ("border", "fog"): (0, 0)}
@@ -238,6 +246,6 @@ def test_several_kinds_are_told_from_the_nearest_other(load_world: LoadWorld) ->
     for values, expected in ((codes, (1.0, 1.0, 1.0, 1.0)), (alike, (1.0, 1.0, 0.0, 0.0))):
         for kind, distance in zip(kinds, expected, strict=True):
             others = ["free space", *(other for other in kinds if other != kind)]
-            apart, scatter = encoding.separation(stack(values), world, kind, others)
+            apart, scatter = encoding.separation(stack(values), world, RADIUS, kind, others)
             assert apart == pytest.approx(np.full(6, distance / spread(values, world)), rel=1e-5, abs=1e-6)
             assert scatter == pytest.approx(np.zeros(6), abs=1e-6)

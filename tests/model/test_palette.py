@@ -27,3 +27,39 @@ def test_a_palette_paints_equal_codes_alike_wherever_they_are() -> None:
 @pytest.mark.parametrize("sample", [np.zeros((5, 3)), np.ones((1, 3)), np.zeros((5, 0)), np.zeros((0, 2))])
 def test_what_does_not_vary_is_grey(sample: np.ndarray) -> None:
     assert (Palette.fit(sample)(np.random.default_rng(0).normal(size=(4, sample.shape[1]))) == 0.5).all()
+
+
+EVERYWHERE = np.ones((4, 5), dtype=bool)
+
+
+def paint(codes: np.ndarray, fit: np.ndarray) -> np.ndarray:
+    """A map `[Y, X, C]` in the palette of some of its nodes `[Y, X]`."""
+    return Palette.fit(codes[fit])(codes)
+
+
+def test_codes_on_a_line_vary_in_one_channel() -> None:
+    """Rank 1: red follows the position on the line from 0 to 1, green and blue are neutral."""
+    position = np.linspace(0, 1, 20).reshape(4, 5)
+    painted = paint(position[..., None] * np.array([1.0, 2.0, -0.5, 0.2]), EVERYWHERE)
+    assert painted[0, 0, 0] == 0.0 and painted[-1, -1, 0] == 1.0
+    assert (np.diff(painted[..., 0].ravel()) >= 0).all()
+    assert (painted[..., 1:] == 0.5).all()
+
+
+@pytest.mark.parametrize("context_size", [0, 1, 2, 3, 8])
+def test_every_context_size_is_painted_in_the_unit_cube(context_size: int) -> None:
+    codes = np.random.default_rng(1).normal(size=(4, 5, context_size)).astype(np.float32)
+    painted = paint(codes, EVERYWHERE)
+    assert painted.shape == (4, 5, 3)
+    assert painted.min() >= 0.0 and painted.max() <= 1.0
+    assert (painted[..., context_size:] == 0.5).all(), "channels without a component are neutral"
+    assert (painted[..., :context_size].std(axis=(0, 1)) > 0.1).all()
+
+
+def test_unreachable_nodes_do_not_choose_the_colors() -> None:
+    codes = np.random.default_rng(2).normal(size=(4, 5, 3))
+    fit = EVERYWHERE.copy()
+    fit[0, 0] = False
+    outlier = codes.copy()
+    outlier[0, 0] = 1e3
+    assert paint(outlier, fit)[fit] == pytest.approx(paint(codes, fit)[fit])

@@ -20,10 +20,9 @@ from affmap.report import build, page, sentences
 from affmap.report.experiment import ExperimentReport
 from affmap.report.figures import files
 from affmap.results import manifest, provenance
-from affmap.results.files import Job
 from affmap.results.numbers import NOTHING, listed, points, span
 from affmap.results.scores import score
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -40,7 +39,7 @@ DRAWN = {
     "exp4": ALWAYS | {"failures"},
     "exp5": ALWAYS | {"failures"},
 }
-WriteStages = Callable[..., list[Job]]
+WriteStages = Callable[..., list[Setting]]
 
 
 def settings(experiment: str) -> ReportSettings:
@@ -55,7 +54,7 @@ def settings(experiment: str) -> ReportSettings:
 
 @pytest.fixture(scope="module")
 def results(
-    write_stages: WriteStages, write_growth: Callable[..., Job], tmp_path_factory: pytest.TempPathFactory
+    write_stages: WriteStages, write_growth: Callable[..., Setting], tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Results]:
     """Small results of all experiments, which share stages as the real ones do."""
     root = tmp_path_factory.mktemp("stages")
@@ -157,7 +156,7 @@ def test_a_figure_too_large_as_svg_is_in_the_page_as_png(
     results: dict[str, Results], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(files, "MAX_SVG", 50_000)
-    write(tmp_path, Results(results["exp1"].jobs[:1]), "exp1")
+    write(tmp_path, Results(results["exp1"].settings[:1]), "exp1")
     images = Page(tmp_path / "report.html").images
     kinds = {path.stem: path.with_suffix(".svg").is_file() for path in tmp_path.glob("figures/*.png")}
     assert any(kinds.values()) and not all(kinds.values())
@@ -213,7 +212,7 @@ def test_writing_twice_gives_the_same_bytes(
 
 def test_a_complete_report_is_left_alone(results: dict[str, Results], tmp_path: Path) -> None:
     """As long as stages, arguments and code are the same, and so is every file; other names change it."""
-    few = Results(results["exp1"].jobs[:1])
+    few = Results(results["exp1"].settings[:1])
     write(tmp_path, few, "exp1")
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
     write(tmp_path, few, "exp1")
@@ -225,7 +224,7 @@ def test_a_complete_report_is_left_alone(results: dict[str, Results], tmp_path: 
 
 def test_a_damaged_report_is_told_and_made_anew(results: dict[str, Results], tmp_path: Path) -> None:
     """A table changed, a figure gone; a file of the reader's own is none of the report's."""
-    few = Results(results["exp1"].jobs[:1])
+    few = Results(results["exp1"].settings[:1])
     write(tmp_path, few, "exp1")
     table, figure = tmp_path / "tables/medians.csv", tmp_path / "figures/world.png"
     content = table.read_bytes()
@@ -242,7 +241,7 @@ def test_other_code_draws_again_and_makes_no_report_wrong(
     results: dict[str, Results], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A published report is not bound to the code that drew it: nothing in its manifest tells of code."""
-    few = Results(results["exp1"].jobs[:1])
+    few = Results(results["exp1"].settings[:1])
     write(tmp_path, few, "exp1")
     written = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.png")}
     record = (tmp_path / "provenance.json").read_bytes()
@@ -255,7 +254,7 @@ def test_other_code_draws_again_and_makes_no_report_wrong(
 
 def test_a_copy_of_a_report_is_whole_without_what_it_lacks(results: dict[str, Results], tmp_path: Path) -> None:
     """Its provenance lists what is there."""
-    few = Results(results["exp1"].jobs[:1])
+    few = Results(results["exp1"].settings[:1])
     write(tmp_path / "exp1", few, "exp1")
     (tmp_path / "exp1/jobs").mkdir()
     manifest.copy(tmp_path / "exp1", tmp_path / "kept", ["*.pdf", "*.html"])
@@ -268,7 +267,7 @@ def test_a_copy_of_a_report_is_whole_without_what_it_lacks(results: dict[str, Re
 def test_an_experiment_of_ones_own_has_no_claims(results: dict[str, Results], tmp_path: Path) -> None:
     """One setting without a context, and nothing of the paper to compare it with: no claims, no map."""
     plain = ReportSettings.model_validate(yaml.safe_load((CONF / "report/default.yaml").read_text("utf-8")))
-    few = Results(results["exp1"].jobs[:1])
+    few = Results(results["exp1"].settings[:1])
     build.write(report(tmp_path, few, "mine", plain, None))
     assert set(pd.read_csv(tmp_path / "tables/runs.csv")["experiment"]) == {"mine"}
     text = Page(tmp_path / "report.html").text
@@ -277,8 +276,8 @@ def test_an_experiment_of_ones_own_has_no_claims(results: dict[str, Results], tm
 
 
 def test_settings_that_colours_cannot_tell_apart_are_refused(results: dict[str, Results], tmp_path: Path) -> None:
-    jobs = [*results["exp2"].jobs, *(job for job in results["exp1"].jobs if job.planner == "gradient")]
-    with pytest.raises(ConfigError, match="several of both"):
+    jobs = [*results["exp2"].settings, *(job for job in results["exp1"].settings if job.planner == "gradient")]
+    with pytest.raises(ConfigError, match="several values of"):
         write(tmp_path, Results(tuple(jobs)), "exp1")
     assert not list(tmp_path.iterdir())
 

@@ -7,19 +7,25 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
+from stage_files import make_world
 
+from affmap.env.geometry import reachable
+from affmap.env.layout import Layout
+from affmap.model.palette import Palette
 from affmap.report import captions
 from affmap.report.drawing import arena, numbers
 from affmap.report.drawing.colors import Groups, make_groups
 from affmap.report.figures import FIGURES, pictures
 from affmap.report.figures.numbers import main_results
-from affmap.results import examples, failures, maps
-from affmap.results.files import Circle, Job, Trajectories, World
-from affmap.results.setting import ReportSettings
+from affmap.results import examples, failures
+from affmap.results.files import Trajectories
+from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
-WriteStages = Callable[..., list[Job]]
+WriteStages = Callable[..., list[Setting]]
+RADIUS = 0.06
+HARD = {"control_layout": "procedural_hard"}
 PLANNERS = Groups("planner", {"cem": "EB"}, {"EB": "#0072B2"})
 SETTINGS = ReportSettings(
     map_spacing=0.02,
@@ -87,7 +93,7 @@ def test_the_reason_of_a_failure(results: dict[str, Results]) -> None:
     assert (runs["reason"] == "").equals(runs["success"])
     assert set(runs.loc[runs["steps_in_fog"] > 0, "reason"]) == {"fog"}
     assert set(runs.loc[~runs["reached"], "reason"]) == {"stuck"}
-    moving = Results(results["exp5"].jobs)
+    moving = Results(results["exp5"].settings)
     moving.runs["final_spread"] = 0.13  # the vehicle is 0.12 u wide
     assert set(failures.with_reasons(moving).loc[~moving.runs["reached"], "reason"]) == {"other"}
     assert failures.are_of_interest(results["exp5"]) and failures.are_of_interest(results["exp4"])
@@ -97,28 +103,28 @@ def test_the_reason_of_a_failure(results: dict[str, Results]) -> None:
 def test_failures_are_placed_where_they_happened(results: dict[str, Results]) -> None:
     """By construction: in fog from the first step on; with a context only."""
     found = results["exp5"]
-    jobs = [job for job in found.jobs if job.layout == "procedural_hard" and job.context_size > 0]
+    jobs = [job for job in found.settings if job.layout == "procedural_hard" and job.context_size > 0]
     runs = found.runs[(found.runs["layout"] == "procedural_hard") & (found.runs["context_size"] > 0)]
-    places = failures.places(found, "procedural_hard", "cem")
+    places = failures.places(found, found.where(HARD))
     assert len(places.fog) == (runs["steps_in_fog"] > 0).sum() > 0
     assert len(places.ended) == (~runs["reached"]).sum()
     first = found.trajectories(jobs[0])
     np.testing.assert_array_equal(places.fog[0], first.position[first.in_fog[:, 0].argmax(), 1])
 
 
-def test_what_a_vehicle_is_nearest_to_by_hand(world: World) -> None:
+def test_what_a_vehicle_is_nearest_to_by_hand() -> None:
     """Distances to rims and borders; inside of several circles the deepest counts."""
-    circles = (Circle(1.0, 1.0, 0.2, "obstacle"), Circle(1.6, 1.0, 0.3, "fog"), Circle(1.7, 1.0, 0.5, "force_up"))
-    world = replace(world, circles=circles)
+    circles = ((1.0, 1.0, 0.2, "obstacle"), (1.6, 1.0, 0.3, "fog"), (1.7, 1.0, 0.5, "force_up"))
+    world = make_world(*circles)
     places = {(0.75, 1.0): "surface", (1.5, 0.05): "surface", (1.25, 1.1): "force_up", (2.5, 1.0): "force_up"}
     assert {place: failures.nearest(np.array(place), world) for place in places} == places
-    fog = replace(world, circles=(*circles, Circle(1.7, 1.0, 0.6, "fog")))
+    fog = make_world(*circles, (1.7, 1.0, 0.6, "fog"))
     assert failures.nearest(np.array([1.7, 1.0]), fog) == "fog"
 
 
 def test_runs_that_arrived_are_nearest_to_nothing(results: dict[str, Results]) -> None:
     found = results["exp5"]
-    things = failures.with_nearest(found, "procedural_hard", "cem")
+    things = failures.with_nearest(found, found.where(HARD))
     runs = found.runs[found.runs["layout"] == "procedural_hard"]
     shares = failures.shares(things, "nearest", failures.NEAREST).sum(axis=1)
     assert shares.to_dict() == (1 - runs.groupby("context_size")["reached"].mean()).to_dict()
@@ -128,17 +134,17 @@ def test_runs_that_arrived_are_nearest_to_nothing(results: dict[str, Results]) -
 
 def test_errors_of_steps_by_hand(results: dict[str, Results]) -> None:
     """Against a loop over the steps of a run."""
-    found = Results(tuple(job for job in results["exp5"].jobs if job.layout == "procedural_hard")[:1])
-    job = found.jobs[0]
+    found = Results(tuple(job for job in results["exp5"].settings if job.layout == "procedural_hard")[:1])
+    job = found.settings[0]
     paths, worlds = found.trajectories(job), found.worlds(job)
-    steps = failures.step_errors(found, "procedural_hard", "cem")
+    steps = failures.step_errors(found, found.where(HARD))
     expected = []
     for run, world in enumerate(worlds):
         for step in range(paths.in_fog.shape[1]):
             if paths.in_fog[run, step] or (step > 0 and paths.in_fog[run, step - 1]):
                 continue
             x, y = paths.position[run, step]
-            over = [c for c in world.circles if np.hypot(x - c.x, y - c.y) < c.radius + world.vehicle_radius]
+            over = [c for c in world.circles if np.hypot(x - c.x, y - c.y) < c.radius + RADIUS]
             error = 0.0
             for axis in range(2):
                 mean, std = paths.planned_position[run, step, 0, axis], paths.planned_std[run, step, 0, axis]
@@ -151,15 +157,15 @@ def test_errors_of_steps_by_hand(results: dict[str, Results]) -> None:
     assert ax.lines[0].get_ydata()[0] == pytest.approx(steps[steps["overlapped"] == 0]["prediction_error"].median())
 
 
-def test_circles_without_effect_are_not_overlapped(world: World) -> None:
+def test_circles_without_effect_are_not_overlapped() -> None:
     """By hand: in none, in one, in two of three circles."""
-    circles = (Circle(1.0, 1.0, 0.2, "fog"), Circle(1.2, 1.0, 0.2, "force_up"), Circle(1.0, 1.0, 0.5, "none"))
+    world = make_world((1.0, 1.0, 0.2, "fog"), (1.2, 1.0, 0.2, "force_up"), (1.0, 1.0, 0.5, "none"))
     places = np.array([[2.0, 1.0], [0.8, 1.0], [1.1, 1.0], [1.46, 1.0]])
-    assert failures.overlapped(places, replace(world, circles=circles)).tolist() == [0, 1, 2, 0]
-    assert failures.overlapped(places, replace(world, circles=())).tolist() == [0, 0, 0, 0]
+    assert failures.overlapped(places, world, RADIUS).tolist() == [0, 1, 2, 0]
+    assert failures.overlapped(places, make_world(), RADIUS).tolist() == [0, 0, 0, 0]
 
 
-def test_cells_of_a_heat_map_count_positions(world: World) -> None:
+def test_cells_of_a_heat_map_count_positions(world: Layout) -> None:
     """By hand: fifty positions in one cell, one in another, none elsewhere; few are drawn one by one."""
     positions = np.array([[0.05, 0.11]] * 50 + [[2.95, 1.95]])
     ax = arena.heat(Figure().subplots(), positions, world)
@@ -172,11 +178,11 @@ def test_cells_of_a_heat_map_count_positions(world: World) -> None:
 
 
 def test_maps_of_the_same_models_share_a_basis(results: dict[str, Results]) -> None:
-    """One map alone has the colours of `maps.colors`; in two worlds equal codes have equal colours."""
+    """One map alone has the palette of its reachable nodes; in two worlds equal codes have equal colours."""
     parts = pictures.painted(results["exp2"], 8)
-    alone = arena.paint([(parts[0].maps, parts[0].world)], 1)[0]
-    fit = maps.reachable(parts[0].maps.nodes, parts[0].world)
-    np.testing.assert_array_equal(alone, maps.colors(parts[0].maps.codes[1], fit))
+    alone = arena.paint([(parts[0].maps, parts[0].world)], RADIUS, 1)[0]
+    codes, fit = parts[0].maps.codes[1], reachable(parts[0].maps.nodes, parts[0].world, RADIUS)
+    np.testing.assert_array_equal(alone, Palette.fit(codes[fit])(codes))
     first, second, _ = pictures.paint(parts, 1)
     same = (parts[0].maps.codes[1] == parts[1].maps.codes[1]).all(axis=-1)
     assert same.sum() > 1000
@@ -193,7 +199,7 @@ def test_what_stands_in_place_of_the_curves(results: dict[str, Results]) -> None
 
 def test_the_papers_context_size_is_shown(results: dict[str, Results]) -> None:
     assert pictures.map_size(results["exp5"]) == 8
-    jobs = results["exp5"].jobs
+    jobs = results["exp5"].settings
     assert pictures.map_size(Results(tuple(job for job in jobs if job.context_size != 8))) == 16
     assert pictures.map_size(Results(tuple(job for job in jobs if job.context_size == 0))) is None
 
@@ -227,9 +233,10 @@ def test_groups_have_names_and_colours_of_their_own(results: dict[str, Results])
     assert len(set(groups.palette.values())) == 2
     groups = make_groups(results["exp1"], SETTINGS)
     assert (groups.column, groups.names) == ("planner", {"cem": "cem"})
-    other = replace(results["exp2"].jobs[0], planner="gradient")
-    with pytest.raises(ConfigError, match=r"several of both \(cem, gradient; original, .*say planner=cem or control_"):
-        make_groups(Results((*results["exp2"].jobs, other)), SETTINGS)
+    first = results["exp2"].settings[0]
+    other = replace(first, values={**first.values, "planner": "gradient"})
+    with pytest.raises(ConfigError, match=r"context_size on the x axis and \w+ by colour, .* several values of "):
+        Results((*results["exp2"].settings, other)).check_factors()
 
 
 def test_half_way_is_the_first_step_with_half_of_the_distance_left() -> None:
@@ -248,13 +255,13 @@ def test_the_example_is_the_lower_median_run_of_the_first_member(results: dict[s
     for layout in results["exp2"].layouts:
         runs = results["exp2"].runs.query("layout == @layout and member == 0 and context_size != 8")
         order = runs.groupby("run")["mean_distance"].mean().sort_values().index
-        chosen = examples.choose_examples(results["exp2"], layout)
-        assert [example.job.context_size for example in chosen] == [0, 16]
-        assert {(example.job.layout, example.member, example.run) for example in chosen} == {(layout, 0, order[1])}
+        chosen = examples.choose_examples(results["exp2"], {"planner": "cem", "control_layout": layout})
+        assert [example.setting.context_size for example in chosen] == [0, 16]
+        assert {(example.setting.layout, example.member, example.run) for example in chosen} == {(layout, 0, order[1])}
 
 
 def test_legends_name_the_effects_that_are_there(results: dict[str, Results]) -> None:
-    worlds = {name: found.worlds(found.jobs[-1]) for name, found in results.items()}
+    worlds = {name: found.worlds(found.settings[-1]) for name, found in results.items()}
     named = {name: [handle.get_label() for handle in arena.effect_handles(w)] for name, w in worlds.items()}
     assert named["exp1"] == [], "obstacles only: a caption is enough"
     assert named["exp3"] == ["no effect", "obstacle"] and named["exp4"] == ["fog"]
@@ -263,7 +270,7 @@ def test_legends_name_the_effects_that_are_there(results: dict[str, Results]) ->
 
 def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     """One layout has all context sizes, the other only the smallest."""
-    jobs = [job for job in results["exp5"].jobs if job.layout == "procedural_easy" or job.context_size == 0]
+    jobs = [job for job in results["exp5"].settings if job.layout == "procedural_easy" or job.context_size == 0]
     part = Results(tuple(jobs))
     drawn = {name for name, draw in FIGURES.items() if draw(part, SETTINGS)}
     assert drawn == set(FIGURES) - {"growth"}

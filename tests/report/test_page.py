@@ -18,7 +18,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
-from affmap.env.body import THROTTLES
+from affmap.env.layout import Layout
 from affmap.experiments import claims_about
 from affmap.model.lookup import AffordanceMap
 from affmap.report import build
@@ -28,8 +28,7 @@ from affmap.report.explorer import maps as explorers
 from affmap.report.packing import LARGEST, MISSING, Packed, pack, pack_bits
 from affmap.report.player import runs as players
 from affmap.results.examples import choose_examples
-from affmap.results.files import Job, Sight
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.view import view
 
@@ -42,7 +41,7 @@ SETTINGS = ReportSettings.model_validate(yaml.safe_load((CONF / "report/default.
 
 
 @pytest.fixture(scope="module")
-def results(write_stages: Callable[..., list[Job]], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Results]:
+def results(write_stages: Callable[..., list[Setting]], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Results]:
     root = tmp_path_factory.mktemp("stages")
     names = ("exp1", "exp3", "exp5")
     return {name: Results(tuple(write_stages(root, (0, 8), members=2, epochs=2, experiment=name))) for name in names}
@@ -75,17 +74,13 @@ def test_truth_values_are_packed_eight_a_byte() -> None:
     assert pack_bits(values) == {"shape": [2, 5], "data": base64.b64encode(bytes([128, 64])).decode()}
 
 
-def test_throttles_push_as_those_of_the_vehicle() -> None:
-    assert np.array_equal(players.THROTTLES, THROTTLES)
-
-
 def test_codes_along_a_run_are_those_that_the_look_up_gives(results: dict[str, Results]) -> None:
     """The agent's own bilinear look-up in the same map."""
     found = results["exp1"]
-    job = next(job for job in found.jobs if job.context_size == 8)
+    job = next(job for job in found.settings if job.context_size == 8)
     world = found.worlds(job)[0]
     maps = found.maps()[8]
-    lookup = AffordanceMap(torch.from_numpy(maps.codes), [found.sights(job)[0].map])
+    lookup = AffordanceMap(torch.from_numpy(maps.codes), [world.map])
     places = np.random.default_rng(0).uniform(0, world.size, (2, 50, 2)).astype(np.float32)
     expected = lookup(torch.from_numpy(places))
     for member in (0, 1):
@@ -100,12 +95,12 @@ def test_every_setting_has_a_run_and_the_figure_s_are_among_them(results: dict[s
     found = results[name]
     assert len(choices) <= players.MAX_RUNS and len(choices) == len(set(map(tuple, choices)))
     settings = {
-        (job.layout.replace("_", " "), SETTINGS.names[job.planner], str(job.context_size)) for job in found.jobs
+        (job.layout.replace("_", " "), SETTINGS.names[job.planner], str(job.context_size)) for job in found.settings
     }
     assert {tuple(choice[:3]) for choice in choices} == settings
     for layout in found.layouts:
-        for shown in choose_examples(found, layout):
-            start = [layout.replace("_", " "), "EB", str(shown.job.context_size)]
+        for shown in choose_examples(found, {"planner": "cem", "control_layout": layout}):
+            start = [layout.replace("_", " "), "EB", str(shown.setting.context_size)]
             assert [*start, f"run {shown.run} of member {shown.member}"] in choices
 
 
@@ -134,7 +129,7 @@ def test_the_map_is_coloured_and_placed_as_in_the_figure(results: dict[str, Resu
 
 
 def test_without_codes_there_is_nothing_to_explore(results: dict[str, Results]) -> None:
-    few = Results(tuple(job for job in results["exp1"].jobs if job.context_size == 0))
+    few = Results(tuple(job for job in results["exp1"].settings if job.context_size == 0))
     assert explorers.explorer(few, SETTINGS) is None
     assert "no model has a context" in players.player(few, SETTINGS)["caption"]
 
@@ -200,7 +195,7 @@ def test_the_slider_moves_the_vehicle(page: Page, results: dict[str, Results]) -
         choose(player, "Planner", planner)
         choose(player, "Context size", str(size))
         choose(player, "Run", f"run {run} of member 0")
-        job = found.job(size, {"EB": "cem", "GB": "gradient"}[planner])
+        job = found.setting(size, {"EB": "cem", "GB": "gradient"}[planner])
         assert job is not None
         paths = found.trajectories(job)
         path, goal = paths.position[run], paths.goal[run]
@@ -214,7 +209,7 @@ def test_the_slider_moves_the_vehicle(page: Page, results: dict[str, Results]) -
             other = path[30 if step < 30 else 0]
             here, there = colors(player.locator(".arena"), [tuple(path[step].tolist()), tuple(other.tolist())])
             assert here == VEHICLE_COLOR != there
-            _assert_view(player, found.sights(job)[0], path[step])
+            _assert_view(player, found.worlds(job)[0], path[step])
             codes = players.codes_along(found, job, 0, path, found.worlds(job)[0])
             told = player.locator(".bars output").all_text_contents()
             assert [float(code.replace("−", "-")) for code in told] == (
@@ -223,11 +218,11 @@ def test_the_slider_moves_the_vehicle(page: Page, results: dict[str, Results]) -
     assert player.locator(".without").text_content() == "None: this model has none."
 
 
-def _assert_view(player: Locator, sight: Sight, position: np.ndarray) -> None:
+def _assert_view(player: Locator, world: Layout, position: np.ndarray) -> None:
     """The pictures of the view have the pixels that the vehicle sees, the lowest row last."""
     read = """canvas => [...canvas.getContext("2d").getImageData(0, 0, 11, 11).data].filter((_, i) => i % 4 === 3)"""
     shown = [canvas.evaluate(read) for canvas in player.locator(".views canvas").all()]
-    assert np.array_equal(np.array(shown).reshape(-1, 11, 11)[:, ::-1] > 0, view(sight.map, position))
+    assert np.array_equal(np.array(shown).reshape(-1, 11, 11)[:, ::-1] > 0, view(world.map, position))
 
 
 def test_play_goes_on_until_it_is_paused(page: Page) -> None:

@@ -8,8 +8,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import SymmetricalLogLocator
 
-from affmap.report.drawing.colors import PLANNER_COLORS
-from affmap.report.drawing.numbers import HUGE, context_color
+from affmap.report.drawing.colors import PLAN_COLOR, context_color
+from affmap.report.drawing.numbers import HUGE
 from affmap.report.figures.files import STYLE, new_figure, save
 from affmap.results.metrics import METRICS
 
@@ -95,7 +95,7 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             group["difference"],
             reach,
             fmt="os^vDPX*"[place % 8],
-            color=context_color(group["context_size"].iloc[0]) if several else PLANNER_COLORS["cem"],
+            color=context_color(group["context_size"].iloc[0]) if several else PLAN_COLOR,
             ms=3.5,
             capsize=2,
             lw=1,

@@ -15,10 +15,10 @@ import pandas as pd
 from affmap.experiments.comparison.figures import draw_differences
 from affmap.report import build
 from affmap.results import provenance, statistics
-from affmap.results.files import PLANNERS, Job
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number
 from affmap.results.provenance import differences, leaves
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNERS, Setting
 from affmap.results.statistics import Verdict
 from affmap.results.tables import Results, read_provenance, read_runs, score_matrix, write_csv, write_runs
 from affmap.settings import ConfigError
@@ -29,7 +29,7 @@ COMPARED = ("validation_nll", "prediction_error", "mean_distance", "reached", "s
 WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
 """What the verdict on being the same is called here."""
 
-COLUMNS = {"planner": "planner.kind", "layout": "control_layout", "context_size": "model.context_size"}
+COLUMNS = {"planner": "planner.kind", "layout": LAYOUT.key, "context_size": CONTEXT_SIZE.key}
 """Column of the runs that tells settings apart -> the key of the configuration that it comes from."""
 
 
@@ -45,7 +45,7 @@ class ComparisonReport:
     """
 
     output: Path
-    jobs: Sequence[Job]
+    jobs: Sequence[Setting]
     """Completed settings."""
     key: str
     """A dotted key of the configuration."""
@@ -89,14 +89,14 @@ class ComparisonReport:
         build.markdown_page(self.page, self.title, self.notice, self.command, markdown(table, self.key))
 
 
-def _with_loss(job: Job) -> pd.DataFrame:
+def _with_loss(job: Setting) -> pd.DataFrame:
     """The runs of a job, with the validation loss of each run's model."""
     losses = Results((job,)).last_epoch.set_index("member")["validation_nll"]
     runs = read_runs(job)
     return runs.assign(validation_nll=runs["member"].map(losses))
 
 
-def value_of(job: Job, key: str) -> Any:
+def value_of(job: Setting, key: str) -> Any:
     """The value of a dotted key in the configuration of a job's control; of a group with a name, its name.
 
     Raises:
@@ -113,14 +113,14 @@ def value_of(job: Job, key: str) -> Any:
     return str(found).lower() if isinstance(found, bool) else found
 
 
-def _values(job: Job) -> dict[str, Any]:
+def _values(job: Setting) -> dict[str, Any]:
     """What the runs of a job depend on, by dotted key."""
     return leaves(Results((job,)).provenance[job.control[0]]["config"])
 
 
-def _check(jobs: Sequence[Job], key: str) -> None:
+def _check(jobs: Sequence[Setting], key: str) -> None:
     """Refuse jobs that differ in more than a key and what the table tells apart: they would be averaged unseen."""
-    seen: dict[tuple[Any, ...], Job] = {}
+    seen: dict[tuple[Any, ...], Setting] = {}
     for job in jobs:
         first = seen.setdefault((job.planner, job.layout, job.context_size, value_of(job, key)), job)
         if others := differences(_values(job), _values(first)):
@@ -185,7 +185,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
                         "verdict": verdict(low, high, METRICS[metric].margin),
                     }
                 )
-    return pd.DataFrame(rows).replace({"planner": PLANNERS})
+    return pd.DataFrame(rows).replace({"planner": {kind: planner.short for kind, planner in PLANNERS.items()}})
 
 
 def verdict(low: float | None, high: float | None, margin: float | None) -> str:

@@ -39,8 +39,10 @@ def _no_trace(results: Results) -> list[Criterion]:
     painted = claims.largest_maps(results, HARD)
     size, outcome, learned = 0, NO_CONTEXT, NO_CONTEXT
     if painted is not None:
-        size, maps, world = painted
-        trained, untrained = (_ratio(*encoding.meaningless_trace(codes, world)) for codes in (maps, maps.untrained))
+        size, maps, world, radius = painted
+        trained, untrained = (
+            _ratio(*encoding.meaningless_trace(codes, world, radius)) for codes in (maps, maps.untrained)
+        )
         outcome = statistics.below(trained, TRACE) if len(trained) else NOWHERE
         learned = statistics.paired(trained, untrained, "lower") if len(trained) else NOWHERE
     ratio = "distance to the free-space code, beside or in meaningless circles relative to beside obstacles"
@@ -73,14 +75,14 @@ def _growth(results: Results) -> tuple[str, Outcome, Outcome]:
     if results.growth is None or maps is None or not len(maps.epochs):
         note = "needs the longer training, with maps after several epochs"
         return "epochs", statistics.undecided(claims.TREND, 0, note), statistics.undecided(claims.SIGNED_RANK, 0, note)
-    world = results.map_world(results.growth)
-    after = {epoch: encoding.look_difference(then, world) for epoch, then in sorted(maps.snapshots.items())}
+    place = results.map_world(results.growth), results.vehicle_radius(results.growth)
+    after = {epoch: encoding.look_difference(then, *place) for epoch, then in sorted(maps.snapshots.items())}
     epochs = f"epoch {max(after)} minus epoch {min(after)}"
     last = after[max(after)]
     if not len(last):
         return epochs, NOWHERE, NOWHERE
     trend = statistics.trend(np.stack(list(after.values()), axis=1), "falls")
-    return epochs, trend, statistics.paired(last, encoding.look_difference(maps.untrained, world), "lower")
+    return epochs, trend, statistics.paired(last, encoding.look_difference(maps.untrained, *place), "lower")
 
 
 CLAIMS = (

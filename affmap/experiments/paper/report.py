@@ -73,7 +73,7 @@ class PaperReport:
                 "title": chapter.title,
                 "missing": chapter.missing,
                 "settings": {name: getattr(chapter.settings, name) for name in sorted(ReportSettings.model_fields)},
-                **provenance.summarize(chapter.results.jobs, chapter.results.provenance),
+                **provenance.summarize(chapter.results.settings, chapter.results.provenance),
             }
             for chapter in self.chapters
         }

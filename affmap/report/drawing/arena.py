@@ -14,9 +14,11 @@ from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Patch, Rectangle
 
 from affmap.env.effects import EFFECTS
-from affmap.report.drawing.colors import PLANNER_COLORS
-from affmap.results import maps
-from affmap.results.files import Floats, Maps, Trajectories, World
+from affmap.env.geometry import reachable
+from affmap.env.layout import Layout
+from affmap.model.palette import Palette
+from affmap.report.drawing.colors import PLAN_COLOR
+from affmap.results.files import Floats, Maps, Trajectories
 
 VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
 
@@ -30,22 +32,21 @@ FEW = 50
 """Positions; so few say more one by one than as a heat map."""
 
 
-def paint(parts: Sequence[tuple[Maps, World]], index: int) -> list[Floats]:
+def paint(parts: Sequence[tuple[Maps, Layout]], radius: float, index: int) -> list[Floats]:
     """Colour maps of one member in a common basis, fitted to all of them: `[Y, X, 3]` each.
 
     Args:
         parts: maps of the same models and the worlds they were painted of, or of the same world at several times.
+        radius: of the vehicle, u.
         index: which of the M members.
     """
     codes = [arrays.codes[index] for arrays, _ in parts]  # [Y, X, C] each
-    fit = [maps.reachable(arrays.nodes, world) for arrays, world in parts]
-    row = np.concatenate([part.reshape(1, -1, part.shape[-1]) for part in codes], axis=1)  # one row of all nodes
-    colors = maps.colors(row, np.concatenate([part.reshape(1, -1) for part in fit], axis=1))[0]
-    parted = np.split(colors, np.cumsum([part.size for part in fit])[:-1])
-    return [part.reshape(*mask.shape, 3) for part, mask in zip(parted, fit, strict=True)]
+    fit = [reachable(arrays.nodes, world, radius) for arrays, world in parts]
+    palette = Palette.fit(np.concatenate([part[mask] for part, mask in zip(codes, fit, strict=True)]))
+    return [palette(part) for part in codes]
 
 
-def affordance_map(ax: Axes, colors: Floats, arrays: Maps, world: World) -> Axes:
+def affordance_map(ax: Axes, colors: Floats, arrays: Maps, world: Layout) -> Axes:
     """A painted map with the world's circles outlined.
 
     Args:
@@ -62,7 +63,7 @@ def affordance_map(ax: Axes, colors: Floats, arrays: Maps, world: World) -> Axes
     return arena(ax, world)
 
 
-def arena(ax: Axes, world: World) -> Axes:
+def arena(ax: Axes, world: Layout) -> Axes:
     """Frame the arena to scale, borders drawn, with axes in u."""
     ax.spines[:].set(visible=True, linewidth=1.2)
     ax.set(xlim=(0, world.size[0]), ylim=(0, world.size[1]), aspect="equal")
@@ -71,7 +72,7 @@ def arena(ax: Axes, world: World) -> Axes:
     return ax
 
 
-def circles(ax: Axes, world: World) -> Axes:
+def circles(ax: Axes, world: Layout) -> Axes:
     """Fill the world's circles by their effect; an arrow says where a force field pulls."""
     for name, effect in EFFECTS.items():
         for circle in (circle for circle in world.circles if circle.effect == name):
@@ -89,7 +90,7 @@ def circles(ax: Axes, world: World) -> Axes:
     return ax
 
 
-def effect_handles(worlds: Iterable[World]) -> list[Patch]:
+def effect_handles(worlds: Iterable[Layout]) -> list[Patch]:
     """Legend entries for the effects that occur in `worlds`; none where there are obstacles only."""
     present = {circle.effect for world in worlds for circle in world.circles}
     if present <= {"obstacle"}:
@@ -99,7 +100,7 @@ def effect_handles(worlds: Iterable[World]) -> list[Patch]:
     ]
 
 
-def world_map(ax: Axes, world: World) -> Axes:
+def world_map(ax: Axes, world: Layout, radius: float) -> Axes:
     """The layout: circles, the four start squares, and the vehicle to scale in the middle of one of them."""
     circles(ax, world)
     near = world.start_margin
@@ -107,11 +108,11 @@ def world_map(ax: Axes, world: World) -> Axes:
     for corner in ((near, near), (far_x, near), (near, far_y), (far_x, far_y)):
         ax.add_patch(Rectangle(corner, world.start_side, world.start_side, fill=False, ec=GOAL_COLOR, ls="--", lw=1.0))
     middle = near + world.start_side / 2
-    ax.add_patch(Disc((middle, middle), world.vehicle_radius, color=VEHICLE_COLOR, lw=0, zorder=3))
+    ax.add_patch(Disc((middle, middle), radius, color=VEHICLE_COLOR, lw=0, zorder=3))
     return arena(ax, world)
 
 
-def visits(ax: Axes, counts: Floats, free: Floats, world: World) -> Axes:
+def visits(ax: Axes, counts: Floats, free: Floats, world: Layout) -> Axes:
     """Visit counts of exploration on a logarithmic scale; free cells never visited are red, others white.
 
     Args:
@@ -131,7 +132,7 @@ def visits(ax: Axes, counts: Floats, free: Floats, world: World) -> Axes:
     return arena(ax, world)
 
 
-def heat(ax: Axes, positions: Floats, world: World) -> Axes:
+def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:
     """How many of the positions `[N, 2]` (u) lie in each cell of a world; few positions are drawn one by one."""
     _outlines(ax, world)
     if not len(positions):
@@ -150,7 +151,7 @@ def heat(ax: Axes, positions: Floats, world: World) -> Axes:
     return arena(ax, world)
 
 
-def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: World) -> Axes:
+def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Layout, radius: float) -> Axes:
     """One moment of one run: past path, planned path with its uncertainty, circles, vehicle and goal.
 
     Args:
@@ -159,18 +160,19 @@ def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Worl
         index: which of its B runs.
         step: the moment; the plan is the one made then.
         world: the layout.
+        radius: of the vehicle, u.
     """
     circles(ax, world)
     past = paths.position[index, : step + 1]  # [step + 1, 2]
     plan = np.vstack([past[-1:], paths.planned_position[index, step]])  # [1 + H, 2]
     deviation = paths.planned_std[index, step]  # [H, 2]
-    color = PLANNER_COLORS["cem"]
+    color = PLAN_COLOR
     ax.plot(*past.T, color="black", lw=1.3, zorder=4, label="past path")
     ax.plot(*past[0], "s", color="black", ms=4, ls="", zorder=4, label="start")
     ax.plot(*plan.T, color=color, lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
     for mean, (width, height) in zip(plan[1:], 2 * NUM_DEVIATIONS * deviation, strict=True):
         ax.add_patch(Ellipse(mean, width, height, fill=False, ec=color, lw=0.5, alpha=0.4, zorder=3))
-    ax.add_patch(Disc(past[-1], world.vehicle_radius, color=VEHICLE_COLOR, lw=0, zorder=6))
+    ax.add_patch(Disc(past[-1], radius, color=VEHICLE_COLOR, lw=0, zorder=6))
     ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=7, mew=2.0, ls="", zorder=7, label="goal")
     # Empty lines for the legend, where a patch would be a rectangle.
     ax.plot([], [], "o", mfc="none", mec=color, mew=0.6, label=f"uncertainty ({NUM_DEVIATIONS} sd)")
@@ -178,7 +180,7 @@ def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Worl
     return arena(ax, world)
 
 
-def _outlines(ax: Axes, world: World) -> None:
+def _outlines(ax: Axes, world: Layout) -> None:
     for circle in world.circles:
         ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="white", lw=1.2))
         ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="black", lw=0.6))

@@ -1,26 +1,32 @@
-"""What colours tell apart in a report, planners or layouts, and what they are called."""
+"""The grouping variable of a report, its labels and colours."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
+import matplotlib as mpl
+import numpy as np
 import pandas as pd
+from matplotlib.colors import to_hex
 
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import CONTEXT_SIZE, PLANNERS, Factor, ReportSettings, Value
 from affmap.results.tables import Results
-from affmap.settings import ConfigError
 
-PLANNER_COLORS = {"cem": "#0072B2", "gradient": "#E69F00"}  # Okabe and Ito: told apart by everybody, and in grey
-LAYOUT_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol: the same, in their order
+GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol: told apart, in their order
+
+PLAN_COLOR = PLANNERS["cem"].color
+"""Of imagined paths."""
 
 
 class Groups(NamedTuple):
-    """The values of one column of the runs, with names and colours."""
+    """The values that colours tell apart, with names and colours, and the factor on the x axis."""
 
     column: str
-    """`planner` or `layout`."""
-    names: dict[str, str]
-    """Value -> what readers call it, in the order of the report."""
+    """Of the runs."""
+    names: dict[Value, str]
+    """Value -> its name for readers, in the order of the report."""
     palette: dict[str, str]
     """Name -> colour."""
+    x: Factor = CONTEXT_SIZE
 
     def of(self, table: pd.DataFrame) -> "pd.Series[str]":
         """The names of the rows of `table`."""
@@ -28,24 +34,35 @@ class Groups(NamedTuple):
 
 
 def make_groups(results: Results, settings: ReportSettings) -> Groups:
-    """What the colours of a report tell apart: layouts where there are several, else planners.
+    """The groups of a report's runs: the values of its second factor."""
+    factor, values = results.color, results.color_values
+    names = {value: name_of(factor, value, settings) for value in values}
+    own = {kind: planner.color for kind, planner in PLANNERS.items()}
+    others = [value for value in values if value not in own]
+    colors = own | dict(zip(others, GROUP_COLORS * len(others), strict=False))
+    return Groups(factor.column, names, {name: colors[value] for value, name in names.items()}, results.x)
 
-    Raises:
-        ConfigError: there are several of both, and some would end in the same box.
-    """
-    planners, layouts = results.planners, results.layouts
-    if len(planners) > 1 and len(layouts) > 1:
-        raise ConfigError(
-            f"a report tells either planners or layouts apart, and here are several of both ({', '.join(planners)}; "
-            f"{', '.join(layouts)}); say planner={planners[0]} or control_layout={layouts[0]}, with output=runs/<name>."
-        )
-    several = len(layouts) > 1
-    names = {value: readable(value, settings) for value in (layouts if several else planners)}
-    values = layouts if several else [planner for planner in planners if planner not in PLANNER_COLORS]
-    colors = PLANNER_COLORS | dict(zip(values, LAYOUT_COLORS * len(values), strict=False))
-    return Groups("layout" if several else "planner", names, {name: colors[value] for value, name in names.items()})
+
+def name_of(factor: Factor, value: Value, settings: ReportSettings) -> str:
+    """The name of a value for readers: that of the settings for planners and layouts, with its symbol for others."""
+    return settings.names.get(str(value), factor.format(value))
 
 
 def readable(value: str, settings: ReportSettings) -> str:
-    """What readers call a planner or a layout."""
+    """The name of a planner or a layout for readers."""
     return settings.names.get(value, value.replace("_", " "))
+
+
+def x_colors(factor: Factor, values: Iterable[Value]) -> dict[Value, str]:
+    """Value on the x axis -> its colour where it is a curve: that of a context size is the same in every report."""
+    values = list(values)
+    if factor == CONTEXT_SIZE:
+        return {value: context_color(int(value)) for value in values}
+    places = np.linspace(0.0, 0.9, len(values))
+    return {value: to_hex(mpl.colormaps["viridis"](place)) for value, place in zip(values, places, strict=True)}
+
+
+def context_color(context_size: int) -> str:
+    """The colour of a context size, the same in every report."""
+    position = np.interp(context_size, [0, 1, 3, 5, 8, 16, 32], [0.0, 0.2, 0.4, 0.58, 0.75, 0.88, 1.0])
+    return to_hex(mpl.colormaps["viridis"](position))

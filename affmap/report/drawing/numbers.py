@@ -7,19 +7,18 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.ticker import MaxNLocator
 
 from affmap.env.effects import EFFECTS
-from affmap.report.drawing.colors import Groups
+from affmap.report.drawing.colors import Groups, x_colors
 from affmap.results import failures, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
+from affmap.results.setting import CONTEXT_SIZE, Factor
 
 HUGE, LINEAR = 300, 20
 """nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
@@ -30,29 +29,24 @@ Span = tuple[float, float] | None
 """Lowest and highest tick of the paper's axis, marked by dotted lines; or None."""
 
 
-def context_color(context_size: int) -> str:
-    """The colour of a context size, the same in every report."""
-    position = np.interp(context_size, [0, 1, 3, 5, 8, 16, 32], [0.0, 0.2, 0.4, 0.58, 0.75, 0.88, 1.0])
-    return to_hex(mpl.colormaps["viridis"](position))
-
-
-def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None) -> Axes:
-    """Validation NLL over epochs, per context size: mean over members, and their standard deviation as a shade.
+def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None, factor: Factor = CONTEXT_SIZE) -> Axes:
+    """Validation NLL over epochs, a curve per value: mean over members, and their standard deviation as a shade.
 
     Args:
         ax: where to draw.
-        validation: one row per context size, member and epoch.
+        validation: one row per value, member and epoch.
         paper: see `Span`.
+        factor: which values curves tell apart.
     """
     _mark(ax, paper)
-    sizes = sorted(validation["context_size"].unique())
+    values = sorted(validation[factor.column].unique())
     num_epochs = validation["epoch"].nunique()
     sns.lineplot(
         validation,
         x="epoch",
         y="validation_nll",
-        hue="context_size",
-        palette={size: context_color(size) for size in sizes},
+        hue=factor.column,
+        palette=x_colors(factor, values),
         errorbar="sd",
         err_kws={"alpha": 0.18, "lw": 0},
         lw=1.4,
@@ -62,8 +56,9 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None) -> A
     )
     ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
-    _focus(ax, validation, paper)
-    return _legend_above(ax, 8 if len(sizes) <= 5 else 4)
+    if factor == CONTEXT_SIZE:
+        _focus(ax, validation, paper)
+    return _legend_above(ax, 8 if len(values) <= 5 else 4)
 
 
 def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
@@ -93,7 +88,7 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
 
 
 def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span = None) -> Axes:
-    """Box plots of a metric of control by context size, as the paper draws them.
+    """Box plots of a metric of control by context size, or another factor, as the paper draws them.
 
     Boxes are quartiles, whiskers end at the last point within 1.5 interquartile ranges, points beyond are not drawn.
     Errors that reach far beyond the others have a logarithmic axis.
@@ -109,7 +104,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed
         warnings.filterwarnings("ignore", "vert: bool", DeprecationWarning)
         sns.boxplot(
-            x=runs["context_size"],
+            x=runs[groups.x.column],
             y=runs[metric],
             **_by_group(runs, groups),
             whis=1.5,
@@ -120,7 +115,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
             medianprops={"linewidth": 1.6},
             ax=ax,
         )
-    ax.set(xlabel="context size", ylabel=METRICS[metric].label)
+    ax.set(xlabel=groups.x.label, ylabel=METRICS[metric].label)
     if runs[metric].min() >= 0:  # a length or a count: let its zero be seen
         ax.set_ylim(bottom=0)
     elif ax.get_ylim()[1] > HUGE:  # a model that is surprised by all it meets: let the others be seen, too
@@ -146,10 +141,10 @@ def bars(
             over members.
     """
     _mark(ax, paper)
-    keys = [groups.column, "context_size", "member"]
-    members = runs.astype({metric: float}).groupby(keys)[metric].mean().reset_index()
+    keys = [groups.column, groups.x.column, "member"]
+    members = runs.astype({metric: float}).groupby(keys, sort=False)[metric].mean().reset_index()
     sns.barplot(
-        x=members["context_size"],
+        x=members[groups.x.column],
         y=members[metric],
         **_by_group(members, groups),
         errorbar=_interval if intervals else "sd",
@@ -159,45 +154,49 @@ def bars(
         gap=0.1,
         ax=ax,
     )
-    ax.set(xlabel="context size", ylabel=METRICS[metric].label)
+    ax.set(xlabel=groups.x.label, ylabel=METRICS[metric].label)
     ax.set_ylim(0.0, max(1.05, ax.get_ylim()[1]))
     ax.set_yticks(np.linspace(0, 1, 6))  # a standard deviation may reach beyond, a share cannot
     return _legend_above(ax)
 
 
-def reasons(ax: Axes, runs: pd.DataFrame) -> Axes:
-    """Share of the runs that failed for each reason, by context size.
+def reasons(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
+    """Share of the runs that failed for each reason, by context size or another factor.
 
     Args:
         ax: where to draw.
         runs: one row per run, with the column `reason` (`failures.with_reasons`).
+        x: the factor on the x axis.
     """
-    return _stacked(ax, failures.shares(runs, "reason", failures.REASONS), failures.REASONS, REASON_COLORS)
+    shares = failures.shares(runs, "reason", failures.REASONS, x.column)
+    return _stacked(ax, shares, failures.REASONS, REASON_COLORS, x)
 
 
-def nearest(ax: Axes, runs: pd.DataFrame) -> Axes:
-    """Share of the runs that never arrived, by what they were nearest to at their end and by context size.
+def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
+    """Share of the runs that never arrived, by the thing nearest to their end, and by context size or another factor.
 
     Args:
         ax: where to draw.
         runs: one row per run, see `failures.with_nearest`.
+        x: the factor on the x axis.
     """
     things = {thing: name for thing, name in failures.NEAREST.items() if (runs["nearest"] == thing).any()}
     colors = {failures.SURFACE: EFFECTS["obstacle"].color, **{name: each.color for name, each in EFFECTS.items()}}
-    return _stacked(ax, failures.shares(runs, "nearest", things), things, colors)
+    return _stacked(ax, failures.shares(runs, "nearest", things, x.column), things, colors, x)
 
 
-def step_errors(ax: Axes, steps: pd.DataFrame) -> Axes:
+def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
     """Median prediction error of single steps over the number of circles that the vehicle overlapped.
 
     Args:
         ax: where to draw.
         steps: one row per step, see `failures.step_errors`.
+        x: the factor that curves tell apart.
     """
-    medians = steps.groupby(["context_size", "overlapped"])["prediction_error"].median()
-    for size in medians.index.unique("context_size"):
-        of_size = medians[size]
-        ax.plot(of_size.index, of_size, marker=".", ms=4, lw=1, color=context_color(size), label=f"C = {size}")
+    medians = steps.groupby([x.column, "overlapped"], sort=False)["prediction_error"].median().sort_index(level=1)
+    for value, color in x_colors(x, steps[x.column].unique()).items():
+        curve = medians[value]
+        ax.plot(curve.index, curve, marker=".", ms=4, lw=1, color=color, label=x.format(value))
     ax.set_xticks(range(failures.MANY + 1), [*map(str, range(failures.MANY)), f"{failures.MANY}+"])
     ax.set(xlabel="circles overlapped", ylabel="median step error (nats)")
     if medians.max() > LINEAR:
@@ -208,15 +207,15 @@ def step_errors(ax: Axes, steps: pd.DataFrame) -> Axes:
     return ax
 
 
-def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str]) -> Axes:
-    """Stacked bars of shares of runs, by context size (rows) and kind (columns)."""
+def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str], x: Factor) -> Axes:
+    """Stacked bars of shares of runs, by the factor on the x axis (rows) and kind (columns)."""
     bottom = np.zeros(len(table))
     for kind, name in names.items():
         heights = table[kind].to_numpy()
         ax.bar(range(len(table)), heights, 0.75, bottom, color=colors[kind], ec="black", lw=0.6, label=name)
         bottom += heights
     ax.set_xticks(range(len(table)), [str(size) for size in table.index])
-    ax.set(xlabel="context size", ylabel="share of runs", ylim=(0.0, 1.0))
+    ax.set(xlabel=x.label, ylabel="share of runs", ylim=(0.0, 1.0))
     return ax
 
 

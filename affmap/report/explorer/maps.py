@@ -2,6 +2,7 @@
 
 import base64
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from affmap.report.figures.pictures import Painted, map_size, paint, painted
 from affmap.report.packing import pack
 from affmap.report.player.runs import CODE, describe, effects
 from affmap.results.files import Floats
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import FACTORS, Factor, ReportSettings
 from affmap.results.tables import Results
 
 SPACING = 0.04
@@ -25,7 +26,8 @@ def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
     maps = []
     for size in filter(None, results.context_sizes):
         parts = painted(results, size)
-        maps += [_map(part, colors, settings) for part, colors in zip(parts, paint(parts, 0), strict=True)]
+        factors = [f for f in dict.fromkeys([results.color, results.x]) if f.key not in FACTORS and _differ(parts, f)]
+        maps += [_map(part, colors, factors, settings) for part, colors in zip(parts, paint(parts, 0), strict=True)]
     if not maps:
         return None
     spacing = maps[0]["spacing"][0]
@@ -39,7 +41,12 @@ def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
     return blocks.explorer(data, caption)
 
 
-def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, Any]:
+def _differ(parts: Sequence[Painted], factor: Factor) -> bool:
+    """Whether maps have different values of a factor."""
+    return len({part.setting.values[factor.key] for part in parts}) > 1
+
+
+def _map(part: Painted, colors: Floats, factors: Sequence[Factor], settings: ReportSettings) -> dict[str, Any]:
     """A map of the first member: its picture `[Y, X, 3]`, and the codes at every so many nodes."""
     axes = np.array([(nodes[0], nodes[-1], nodes[1] - nodes[0]) for nodes in (part.maps.x, part.maps.y)])
     first, last, pitch = axes.T  # x and y each, u
@@ -48,8 +55,11 @@ def _map(part: Painted, colors: Floats, settings: ReportSettings) -> dict[str, A
     unsigned: Any = {"Software": None}  # the same bytes by any version of Matplotlib
     imsave(picture, colors, origin="lower", format="png", metadata=unsigned)
     return {
-        "choice": [readable(part.world.name, settings), str(part.job.context_size)],
-        "world": describe(part.world),
+        "choice": [
+            ", ".join([readable(part.world.name, settings), *(f.format(part.setting.values[f.key]) for f in factors)]),
+            str(part.setting.context_size),
+        ],
+        "world": describe(part.world, part.radius) | {"channels": ()},
         "picture": f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}",
         "edges": [(first - pitch / 2).tolist(), (last + pitch / 2).tolist()],  # a node is in the middle of its pixel
         "origin": first.tolist(),

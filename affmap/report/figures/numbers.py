@@ -7,11 +7,12 @@ from matplotlib.gridspec import SubplotSpec
 
 from affmap.report.drawing import arena
 from affmap.report.drawing import numbers as panels
-from affmap.report.drawing.colors import make_groups, readable
+from affmap.report.drawing.colors import make_groups, name_of, readable
 from affmap.report.figures import pictures
 from affmap.report.figures.files import new_figure
 from affmap.results import failures as failing
-from affmap.results.setting import ReportSettings
+from affmap.results.metrics import EXTRA
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
 
 
@@ -26,7 +27,7 @@ def main_results(results: Results, settings: ReportSettings) -> Figure:
         for cell, part, colors, letter in zip((0, 1), worlds, pictures.paint(worlds, 0), "AB", strict=True):
             ax = arena.affordance_map(figure.add_subplot(grid[0, cell]), colors, part.maps, part.world)
             ax.set_title(
-                f"{letter}  Map: {readable(part.world.name, settings)}, C = {part.job.context_size}", loc="left"
+                f"{letter}  Map: {readable(part.world.name, settings)}, C = {part.setting.context_size}", loc="left"
             )
     else:
         _curves(figure, grid[0, 0], results, settings)
@@ -55,32 +56,45 @@ def _map(ax: Axes, results: Results) -> None:
 
 
 def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportSettings) -> None:
-    """Learning curves, side by side where models were trained for each layout."""
-    trained = results.validation["layout"].unique()
-    layouts = [layout for layout in results.layouts if layout in trained]
-    axes = cell.subgridspec(1, len(layouts)).subplots(sharey=True, squeeze=False)[0]
-    for ax, layout in zip(axes, layouts, strict=True):
-        of_layout = results.validation[results.validation["layout"] == layout]
-        panels.learning_curves(ax, of_layout, settings.axes.get("validation_nll"))
+    """Learning curves, side by side where models were trained for each layout, or value that colours tell apart."""
+    column = results.color.column if results.color.column in results.trainings else "layout"
+    trained = list(results.validation[column].unique())
+    groups = [value for value in (*results.layouts, *results.color_values) if value in trained]
+    factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
+    axes = cell.subgridspec(1, len(set(groups))).subplots(sharey=True, squeeze=False)[0]
+    for ax, value in zip(axes, dict.fromkeys(groups), strict=True):
+        of_group = results.validation[results.validation[column] == value]
+        panels.learning_curves(ax, of_group, settings.axes.get("validation_nll"), factor)
         ax.label_outer()
         if ax is not axes[-1]:
             ax.get_legend().remove()
-        if len(layouts) > 1:
-            ax.text(0.98, 0.98, readable(layout, settings), ha="right", va="top", transform=ax.transAxes)
-    axes[0].set_title("A  Loss by context size", loc="left")
+        if len(axes) > 1:
+            name = readable(str(value), settings) if column == "layout" else name_of(results.color, value, settings)
+            ax.text(0.98, 0.98, name, ha="right", va="top", transform=ax.transAxes)
+    axes[0].set_title(f"A  Loss by {factor.label}", loc="left")
 
 
 def outcomes(results: Results, settings: ReportSettings) -> Figure:
     """Arrivals and contact, and the distance where success is measured otherwise; the paper does not show them."""
     groups = make_groups(results, settings)
-    metrics = ["reached", "steps_touching", *(["mean_distance"] if settings.outcome != "mean_distance" else [])]
-    figure = new_figure(2.6)
-    share, touching, *distance = figure.subplots(1, len(metrics))
+    more = shown_outcomes(settings)
+    figure = new_figure(2.6 * -(-(2 + len(more)) // 3))
+    share, touching, *others = figure.subplots(-(-(2 + len(more)) // 3), min(3, 2 + len(more)), squeeze=False).ravel()
     panels.bars(share, results.runs, "reached", groups, intervals=True).set_title("A", loc="left")
     panels.boxes(touching, results.runs, "steps_touching", groups).set_title("B", loc="left")
-    for ax in distance:
-        panels.boxes(ax, results.runs, "mean_distance", groups).set_title("C", loc="left")
+    for letter, ax, metric in zip("CDEFGHIJKLMNOPQRSTUVWXYZ", others, more, strict=False):
+        panels.boxes(ax, results.runs, metric, groups).set_title(letter, loc="left")
+    for ax in others[len(more) :]:
+        ax.set_axis_off()
     return figure
+
+
+def shown_outcomes(settings: ReportSettings) -> list[str]:
+    """The metrics of the figure of outcomes beside arrivals and contact.
+
+    The distance where success is measured otherwise, and those that reports show in addition.
+    """
+    return [*(["mean_distance"] if settings.outcome != "mean_distance" else []), *EXTRA]
 
 
 def failures(results: Results, settings: ReportSettings) -> Figure | None:
@@ -92,19 +106,22 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
     figure = new_figure(0.5 + 1.9 * len(groups.names))
     rows = figure.subplots(len(groups.names), 3, squeeze=False, width_ratios=(1.0, 1.15, 1.15))
     for (bars, middle, right), (value, name) in zip(rows, groups.names.items(), strict=True):
-        panels.reasons(bars, runs[runs[groups.column] == value])
-        layout, planner = (value, results.planners[0]) if groups.column == "layout" else (results.layouts[0], value)
-        flown = results.worlds(next(job for job in results.jobs if (job.layout, job.planner) == (layout, planner)))
+        panels.reasons(bars, runs[runs[groups.column] == value], results.x)
+        row = results.where(
+            {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
+        )
+        row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
+        flown = results.worlds(row[0])
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
         if len(set(flown)) == 1:
-            found = failing.places(results, layout, planner)
+            found = failing.places(results, row)
             arena.heat(middle, found.fog, flown[0]).set_title(f"fog first touched ({len(found.fog)})", loc="left")
             arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
         else:  # a place in the arena says nothing where every run has a world of its own
-            things = failing.with_nearest(results, layout, planner)
-            panels.nearest(middle, things).set_title("never arrived: nearest thing", loc="left")
-            steps = failing.step_errors(results, layout, planner)
-            panels.step_errors(right, steps).set_title("errors outside fog", loc="left")
+            things = failing.with_nearest(results, row)
+            panels.nearest(middle, things, results.x).set_title("never arrived: nearest thing", loc="left")
+            steps = failing.step_errors(results, row)
+            panels.step_errors(right, steps, results.x).set_title("errors outside fog", loc="left")
     entries: dict[str, Artist] = {}
     for ax in rows[:, :2].ravel():
         entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}

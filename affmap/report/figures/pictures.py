@@ -1,16 +1,18 @@
 """Whole figures of the arena: affordance maps, worlds, exploration, and moments of runs."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
+from affmap.env.layout import Layout
 from affmap.report.drawing import arena
-from affmap.report.drawing.colors import readable
+from affmap.report.drawing.colors import name_of, readable
 from affmap.report.figures.files import new_figure
 from affmap.results.examples import choose_examples
-from affmap.results.files import Floats, Job, Maps, World
-from affmap.results.setting import ReportSettings
+from affmap.results.examples import rows as rows_of
+from affmap.results.files import Floats, Maps
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings, Setting, Value
 from affmap.results.tables import Results
 
 PAPER_SIZE = 8
@@ -26,9 +28,11 @@ NUM_WORLDS = 3
 class Painted(NamedTuple):
     """The maps of one stage."""
 
-    job: Job
+    setting: Setting
     maps: Maps
-    world: World
+    world: Layout
+    radius: float
+    """Of the vehicle, u."""
 
 
 def map_size(results: Results) -> int | None:
@@ -39,33 +43,40 @@ def map_size(results: Results) -> int | None:
 
 def painted(results: Results, size: int) -> list[Painted]:
     """All maps of a context size, once each, in the order of the layouts."""
-    jobs = [job for layout in results.layouts if (job := results.job(size, layout=layout))]
-    return [Painted(job, results.maps(job.layout)[size], results.map_world(job)) for job in first_jobs(jobs, "map")]
+    settings = [
+        each for layout in results.layouts for each in results.where({CONTEXT_SIZE.key: size, LAYOUT.key: layout})
+    ]
+    return [_painted(results, setting) for setting in first_settings(settings, "map")]
 
 
-def first_jobs(jobs: Iterable[Job], field: str) -> list[Job]:
-    """The first job of each value of a field, such as the folder of a stage."""
-    found: dict[Any, Job] = {}
-    for job in jobs:
-        found.setdefault(getattr(job, field), job)
-    return list(found.values())
+def _painted(results: Results, setting: Setting) -> Painted:
+    maps, world = results.read_maps(setting), results.map_world(setting)
+    return Painted(setting, maps, world, results.vehicle_radius(setting))
+
+
+def first_settings(settings: Iterable[Setting], field: str) -> list[Setting]:
+    """The first setting of each value of a field, such as the folder of a stage."""
+    first: dict[Any, Setting] = {}
+    for setting in settings:
+        first.setdefault(getattr(setting, field), setting)
+    return list(first.values())
 
 
 def several_worlds(results: Results) -> list[Painted]:
     """Maps of the worlds that the same models are shown in, those that they were not trained in first; else none."""
     size = map_size(results)
     shown = painted(results, size) if size else []
-    if len({part.job.train for part in shown}) == len(shown):
+    if len({part.setting.train for part in shown}) == len(shown):
         return []
-    return sorted(shown, key=lambda part: part.world in results.training_worlds(part.job))
+    return sorted(shown, key=lambda part: part.world in results.training_worlds(part.setting))
 
 
 def paint(parts: list[Painted], index: int) -> list[Floats]:
     """Colour one member's maps: those of the same models in a common basis, others in their own."""
     colors: dict[int, Floats] = {}
-    for train in {part.job.train for part in parts}:
-        same = [place for place, part in enumerate(parts) if part.job.train == train]
-        together = arena.paint([(parts[place].maps, parts[place].world) for place in same], index)
+    for train in {part.setting.train for part in parts}:
+        same = [place for place, part in enumerate(parts) if part.setting.train == train]
+        together = arena.paint([(parts[p].maps, parts[p].world) for p in same], parts[same[0]].radius, index)
         colors |= dict(zip(same, together, strict=True))
     return [colors[place] for place in range(len(parts))]
 
@@ -81,25 +92,37 @@ def affordance_maps(results: Results, settings: ReportSettings) -> Figure | None
     tables = [paint(parts, index) for index in range(len(members))]  # [member][part]
     blocks = [
         (
-            f"Members at context size {size}{_of_world(part, parts, settings)}",
+            f"Members at context size {size}{of_part(results, part, parts, settings)}",
             3,
             [(f"member {m}", tables[index][place], part) for index, m in enumerate(members)],
         )
         for place, part in enumerate(parts)
     ]
-    last = parts[-1]
-    each = [
-        Painted(job, arrays, results.map_world(job))
-        for s, arrays in results.maps(last.job.layout).items()
-        if (job := results.job(s, layout=last.job.layout))
-    ]
-    sizes = [(f"C = {part.job.context_size}", arena.paint([(part.maps, part.world)], 0)[0], part) for part in each]
-    blocks.append((f"Member {members[0]} at each context size{_of_world(last, parts, settings)}", 4, sizes))
+    last = parts[-1].setting
+    same = {key: last.values[key] for key in (LAYOUT.key, results.color.key) if key not in (results.x.key, PLANNER.key)}
+    alike = [setting for value in results.x_values for setting in results.where({**same, results.x.key: value})]
+    each = [_painted(results, s) for s in first_settings((s for s in alike if s.context_size > 0), "map")]
+    sizes = [(results.x.format(part.setting.values[results.x.key]), paint([part], 0)[0], part) for part in each]
+    name = of_part(results, parts[-1], parts, settings, [results.color])
+    if results.x == CONTEXT_SIZE or len(each) > 1:
+        blocks.append((f"Member {members[0]} at each {results.x.label}{name}", 4, sizes))
     return _map_blocks(blocks)
 
 
-def _of_world(part: Painted, parts: list[Painted], settings: ReportSettings) -> str:
-    return f": {readable(part.job.layout, settings)}" if len(parts) > 1 else ""
+def of_part(
+    results: Results,
+    part: Painted,
+    parts: list[Painted],
+    settings: ReportSettings,
+    factors: Sequence[Factor] | None = None,
+) -> str:
+    """The names of the values that tell a map from the others, after a colon; empty for a single one."""
+    told = [
+        name_of(factor, part.setting.values[factor.key], settings)
+        for factor in factors or dict.fromkeys([LAYOUT, results.color, results.x])
+        if len({each.setting.values[factor.key] for each in parts}) > 1
+    ]
+    return f": {', '.join(told)}" if told else ""
 
 
 def _map_blocks(blocks: list[tuple[str, int, list[tuple[str, Floats, Painted]]]]) -> Figure:
@@ -125,7 +148,8 @@ def growth(results: Results, settings: ReportSettings) -> Figure | None:
         return None
     world = results.map_world(results.growth)
     snapshots = results.growth_maps.snapshots
-    colors = arena.paint([(arrays, world) for arrays in snapshots.values()], 0)
+    radius = results.vehicle_radius(results.growth)
+    colors = arena.paint([(arrays, world) for arrays in snapshots.values()], radius, 0)
     rows = -(-len(snapshots) // 3)
     figure = new_figure(0.4 + 1.65 * rows)
     grid = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
@@ -139,33 +163,42 @@ def growth(results: Results, settings: ReportSettings) -> Figure | None:
 
 
 def trajectories(results: Results, settings: ReportSettings) -> Figure | None:
-    """One moment of a run at the smallest and at the largest context size, in each layout."""
-    rows = [choose_examples(results, layout) for layout in results.layouts]
+    """One moment of a run at either end of the x axis, such as the smallest and the largest context size."""
+    chosen = rows_of(results)
+    rows = [choose_examples(results, row) for row in chosen]
     columns = max(map(len, rows))
     figure = new_figure(0.7 + (2.55 if columns == 2 else 4.2) * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
     flown = []
-    for axes, examples in zip(grid, rows, strict=True):
+    for axes, examples, row in zip(grid, rows, chosen, strict=True):
         for ax in axes[len(examples) :]:
             ax.set_axis_off()
         for ax, example in zip(axes, examples, strict=False):
-            flown.append(results.worlds(example.job)[example.problem])
-            arena.trajectory(ax, example.paths, example.problem, example.step, flown[-1])
-            where = f"{readable(example.job.layout, settings)}, " if len(rows) > 1 else ""
-            ax.set_title(f"{where}context size {example.job.context_size}, step {example.step}", loc="left")
+            flown.append(results.worlds(example.setting)[example.problem])
+            radius = results.vehicle_radius(example.setting)
+            arena.trajectory(ax, example.paths, example.problem, example.step, flown[-1], radius)
+            where = f"{row_name(results, row, settings)}, " if len(rows) > 1 else ""
+            value = example.setting.values[results.x.key]
+            ax.set_title(f"{where}{results.x.label} {value}, step {example.step}".replace("_", " "), loc="left")
     handles = grid[0, 0].get_legend_handles_labels()[0] + arena.effect_handles(flown)
     columns = len(handles) if len(handles) <= 6 else -(-len(handles) // 2)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
-def shown_worlds(results: Results, settings: ReportSettings) -> dict[str, World]:
+def row_name(results: Results, row: Mapping[str, Value], settings: ReportSettings) -> str:
+    """The name of a row of pictures: of its layout, or of the value that colours tell apart."""
+    factor = LAYOUT if results.color == PLANNER else results.color
+    return name_of(factor, row[factor.key], settings)
+
+
+def shown_worlds(results: Results, settings: ReportSettings) -> dict[str, Layout]:
     """Title -> the worlds of a report, each once: of training, of control, and of the maps."""
-    found: dict[World, list[str]] = {}
-    for job in first_jobs(results.jobs, "data"):
+    found: dict[Layout, list[str]] = {}
+    for job in first_settings(results.settings, "data"):
         for world in results.training_worlds(job):
             found.setdefault(world, []).append("training")
-    for job in first_jobs(results.jobs, "layout"):
+    for job in first_settings(results.settings, "layout"):
         flown = list(dict.fromkeys(results.worlds(job)))
         for number, world in enumerate(flown[:NUM_WORLDS]):
             found.setdefault(world, []).append("control" if len(flown) == 1 else f"control, run {number}")
@@ -185,7 +218,7 @@ def worlds(results: Results, settings: ReportSettings) -> Figure:
     figure = new_figure(2.6, width=4.0) if len(shown) == 1 else new_figure(0.4 + 5.4 / columns * rows)
     grid = figure.subplots(rows, columns, squeeze=False)
     for ax, (title, world) in zip(grid.flat, shown.items(), strict=False):
-        arena.world_map(ax, world)
+        arena.world_map(ax, world, results.vehicle_radius(results.settings[0]))
         if len(shown) > 1:
             ax.set_title(title, loc="left", fontsize=7)
     for ax in grid.ravel()[len(shown) :]:
@@ -195,11 +228,11 @@ def worlds(results: Results, settings: ReportSettings) -> Figure:
     return figure
 
 
-def explored(results: Results) -> list[tuple[Floats, Floats, float, World]]:
+def explored(results: Results) -> list[tuple[Floats, Floats, float, Layout]]:
     """Counts, free cells, coverage and world of every training world of every data set."""
-    parts: list[tuple[Floats, Floats, float, World]] = []
-    for job in first_jobs(results.jobs, "data"):
-        data = Results((job,)).exploration
+    parts: list[tuple[Floats, Floats, float, Layout]] = []
+    for job in first_settings(results.settings, "data"):
+        data = results.exploration(job)
         parts += zip(data.counts, data.free, data.coverage, results.training_worlds(job), strict=True)
     return parts
 

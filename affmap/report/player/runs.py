@@ -3,30 +3,30 @@
 Axes: T recorded steps, H planning horizon, K channels of the view, C context code. Lengths are in units (u).
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import interpn
 
+from affmap.env.body import THROTTLES
 from affmap.env.effects import EFFECTS
+from affmap.env.layout import Layout
 from affmap.report import blocks
 from affmap.report.drawing.arena import GOAL_COLOR, NUM_DEVIATIONS, VEHICLE_COLOR
-from affmap.report.drawing.colors import PLANNER_COLORS, readable
+from affmap.report.drawing.colors import PLAN_COLOR, readable
 from affmap.report.figures.pictures import map_size
 from affmap.report.packing import Packed, pack, pack_bits
 from affmap.results.examples import first_member, middle_runs
-from affmap.results.files import Floats, Job, Sight, World
-from affmap.results.setting import ReportSettings
+from affmap.results.files import Floats
+from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, Factor, ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.view import EXTENT, view
 
 MAX_RUNS = 24
 """Runs of a page; where there are more settings than that, each has one."""
 
-THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / np.sqrt(2)
-"""`[4, 2]`, direction in which each throttle pushes; those of `affmap.env.physics`, which reports do not import."""
-
-COLORS = {"vehicle": VEHICLE_COLOR, "jet": "#d55e00", "path": "#000000", "plan": PLANNER_COLORS["cem"]}
+COLORS = {"vehicle": VEHICLE_COLOR, "jet": "#d55e00", "path": "#000000", "plan": PLAN_COLOR}
 COLORS |= {"goal": GOAL_COLOR, "frame": "#777777"}
 
 LENGTH, DEVIATION, OPENING, NATS, CODE = 1e-3, 1e-4, 1e-2, 1e-2, 1e-4
@@ -35,37 +35,46 @@ LENGTH, DEVIATION, OPENING, NATS, CODE = 1e-3, 1e-4, 1e-2, 1e-2, 1e-4
 
 def player(results: Results, settings: ReportSettings) -> blocks.Block:
     """The block that plays runs of every setting."""
-    count = max(1, MAX_RUNS // len(results.jobs))
+    count = max(1, MAX_RUNS // len(results.settings))
     chosen = {layout: sorted(middle_runs(results, layout)[:count]) for layout in results.layouts}
-    worlds: dict[tuple[World, Sight], int] = {}
-    layouts, planners = results.layouts, results.planners
-    jobs = sorted(
-        results.jobs, key=lambda job: (layouts.index(job.layout), planners.index(job.planner), job.context_size)
-    )
-    runs = [run for job in jobs for run in _runs(results, settings, job, chosen[job.layout], worlds)]
+    worlds: dict[Layout, int] = {}
+    factors = [LAYOUT, PLANNER, *(f for f in (results.color, results.x) if f.key not in FACTORS), CONTEXT_SIZE]
+    orders = {
+        factor.key: list(dict.fromkeys(each.values[factor.key] for each in results.settings)) for factor in factors
+    }
+    orders |= {PLANNER.key: [*results.planners], CONTEXT_SIZE.key: [*results.context_sizes]}
+
+    def place(setting: Setting) -> list[int]:
+        return [orders[factor.key].index(setting.values[factor.key]) for factor in factors]
+
+    runs = [
+        run
+        for setting in sorted(results.settings, key=place)
+        for run in _runs(results, settings, setting, factors, chosen[setting.layout], worlds)
+    ]
     size = map_size(results)
+    radius = results.vehicle_radius(results.settings[0])
     data = {
-        "first": next((place for place, run in enumerate(runs) if run["choice"][2] == str(size)), 0),
-        "keys": ["Layout", "Planner", "Context size", "Run"],
+        "first": next((number for number, run in enumerate(runs) if run["choice"][-2] == str(size)), 0),
+        "keys": [*(factor.label.capitalize() for factor in factors), "Run"],
         "runs": runs,
-        "worlds": [describe(world, sight) for world, sight in worlds],
+        "worlds": [describe(world, radius) | {"channels": world.channels} for world in worlds],
         "effects": effects(),
         "colors": COLORS,
         "throttles": THROTTLES.tolist(),
         "deviations": NUM_DEVIATIONS,
         "extent": EXTENT,
     }
-    present = {circle.effect for world, _ in worlds for circle in world.circles}
+    present = {circle.effect for world in worlds for circle in world.circles}
     return blocks.player(data, _caption(results, max(map(len, chosen.values())), present), _legend(present))
 
 
-def describe(world: World, sight: Sight | None = None) -> dict[str, Any]:
-    """A world as the page draws it: its size, the vehicle's radius and circles; with a sight the names of channels."""
+def describe(world: Layout, radius: float) -> dict[str, Any]:
+    """A layout as the page draws it: its size, the vehicle's radius (u) and circles."""
     return {
         "size": world.size,
-        "radius": world.vehicle_radius,
-        "circles": [list(circle) for circle in world.circles],
-        "channels": sight.channels if sight else (),
+        "radius": radius,
+        "circles": [[*circle.center, circle.radius, circle.effect] for circle in world.circles],
     }
 
 
@@ -74,14 +83,14 @@ def effects() -> list[dict[str, Any]]:
     return [{"name": name, "color": effect.color, "pull": effect.pull} for name, effect in EFFECTS.items()]
 
 
-def codes_along(results: Results, job: Job, member: int, path: Floats, world: World) -> Floats | None:
+def codes_along(results: Results, job: Setting, member: int, path: Floats, world: Layout) -> Floats | None:
     """Context codes `[T + 1, C]` of the member's affordance map at positions `[T + 1, 2]`, bilinear.
 
     None where there is none: without a context, and in a world that no map has been painted of.
     """
     if job.context_size == 0 or results.map_world(job) != world:
         return None
-    maps = results.maps(job.layout)[job.context_size]
+    maps = results.read_maps(job)
     (index,) = np.flatnonzero(maps.member == member)
     codes: Floats = interpn((maps.y, maps.x), maps.codes[index], path[:, ::-1], bounds_error=False)
     return codes
@@ -90,26 +99,25 @@ def codes_along(results: Results, job: Job, member: int, path: Floats, world: Wo
 def _runs(
     results: Results,
     settings: ReportSettings,
-    job: Job,
+    job: Setting,
+    factors: Sequence[Factor],
     numbers: list[int],
-    worlds: dict[tuple[World, Sight], int],
+    worlds: dict[Layout, int],
 ) -> list[dict[str, Any]]:
     """Runs of a job; their worlds are put into `worlds`, unless they are there."""
-    paths, flown, sights = results.trajectories(job), results.worlds(job), results.sights(job)
+    paths, flown = results.trajectories(job), results.worlds(job)
     found = []
     for number in numbers:
         member, index = first_member(paths, number)
         path = paths.position[index]
-        world, sight = flown[index], sights[index]
+        world = flown[index]
         found.append(
             {
                 "choice": [
-                    readable(job.layout, settings),
-                    readable(job.planner, settings),
-                    str(job.context_size),
+                    *(readable(str(job.values[factor.key]), settings) for factor in factors),
                     f"run {number} of member {member}",
                 ],
-                "world": worlds.setdefault((world, sight), len(worlds)),
+                "world": worlds.setdefault(world, len(worlds)),
                 "goal": paths.goal[index].round(3).tolist(),
                 "position": pack(path, LENGTH),
                 "planned": pack(paths.planned_position[index], LENGTH),
@@ -119,14 +127,14 @@ def _runs(
                 "touching": pack_bits(paths.touching[index]),
                 "in_fog": pack_bits(paths.in_fog[index]),
                 "reached": pack_bits(paths.reached[index]),
-                "view": pack_bits(view(sight.map, path)),
+                "view": pack_bits(view(world.map, path)),
                 **_code(job, codes_along(results, job, member, path, world)),
             }
         )
     return found
 
 
-def _code(job: Job, codes: Floats | None) -> dict[str, Packed | str | None]:
+def _code(job: Setting, codes: Floats | None) -> dict[str, Packed | str | None]:
     """The context code of a run, or why there is none."""
     if codes is not None:
         return {"code": pack(codes, CODE), "without": ""}
@@ -143,7 +151,7 @@ def _caption(results: Results, count: int, present: set[str]) -> str:
     )
     if "fog" in present:
         found += "Inside fog a plan starts at the noisy position that the vehicle reports. "
-    if any(results.map_world(job) in results.worlds(job) for job in results.jobs if job.context_size):
+    if any(results.map_world(job) in results.worlds(job) for job in results.settings if job.context_size):
         return found + "The context code is that of the member's affordance map at the true position."
     if max(results.context_sizes):
         return found + "There are no context codes: runs were not flown in the world whose affordance map was painted."
