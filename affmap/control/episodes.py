@@ -18,7 +18,6 @@ from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.results import metrics
 from affmap.results.files import Trajectories
-from affmap.results.metrics import METRICS
 from affmap.view import views
 
 
@@ -128,5 +127,4 @@ def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
         "goal_x": paths.goal[:, 0],
         "goal_y": paths.goal[:, 1],
     }
-    stored = [column for column, metric in METRICS.items() if metric.stored]
-    return pd.DataFrame(places).join(metrics.summarise(paths, stored))
+    return pd.DataFrame(places).join(metrics.summarise(paths, metrics.stored_metrics()))

@@ -53,9 +53,10 @@ def _values(sweep: Sweep) -> list[dict[str, Value]]:
         given: list[Value] = [swept[key] for swept in sweep.swept]
         found = [_value(config, key) for config in sweep.configs]
         values = found if None not in found and len(set(found)) == len(set(given)) else given
+        whole = all(isinstance(value, float) and value.is_integer() for value in values)  # 10 is said, and not 10.0
         for each, value in zip(every, values, strict=True):
             assert value is not None
-            each[key] = value
+            each[key] = int(value) if whole else value
     return every
 
 

@@ -154,15 +154,15 @@ def origins(records: Sequence[Mapping[str, Any]], command: str) -> Block:
     return blocks.points(lines)
 
 
-def stages(record: Mapping[str, Any]) -> Block:
-    """Every stage that results come from, out of what `provenance.summarize` returned."""
+def stages(record: Mapping[str, Any], factors: Sequence[Factor] = ()) -> Block:
+    """Every stage that results come from, out of what `provenance.summarize` returned; with its values of factors."""
     rows = [
         [
             stage["stage"],
             stage["digest"][:12],
             str(stage["started"]),
             number(stage["seconds"], 0),
-            provenance.setting_of(stage["differs"]),
+            provenance.setting_of(stage["differs"], factors),
         ]
         for stage in record["stages"]
     ]

@@ -108,5 +108,5 @@ def _blocks(
         deviations([results]),
         blocks.heading("Provenance"),
         content.origins([record], record["report"]),
-        content.stages(record),
+        content.stages(record, [results.x, results.color]),
     ]

@@ -4,7 +4,7 @@ An entry is all that a new metric needs: reports of results that were stored bef
 column that a stored table lacks is computed when it is read.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -112,11 +112,24 @@ METRICS = {
 }
 """Column -> metric, in the order of the table of runs."""
 
-EXTRA = [column for column, metric in METRICS.items() if metric.extra]
-"""Columns that reports show beside those that they show anyway."""
+
+def extra_metrics() -> list[str]:
+    """Columns that reports show beside those that they show anyway."""
+    return [column for column, metric in METRICS.items() if metric.extra]
 
 
-def summarise(paths: Trajectories, columns: list[str]) -> pd.DataFrame:
+def stored_metrics() -> list[str]:
+    """Columns of metrics that the table of a control stage has."""
+    return [column for column, metric in METRICS.items() if metric.stored]
+
+
+def run_metrics() -> list[str]:
+    """Columns of all metrics of runs, those of the table of a control stage first."""
+    later = [column for column, metric in METRICS.items() if metric.of_runs and not metric.stored]
+    return [*stored_metrics(), *later]
+
+
+def summarise(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:
     """The metrics of B runs, a row each, in the order of `columns`."""
     functions = {column: METRICS[column].of_runs for column in columns}
     return pd.DataFrame({column: compute(paths) for column, compute in functions.items() if compute})

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from affmap.env.effects import EFFECTS
 from affmap.results.numbers import NOTHING, points
-from affmap.results.setting import STAGES, Setting, make_factor
+from affmap.results.setting import STAGES, Factor, Setting, make_factor
 from affmap.results.tables import Results
 
 _SHARED = ("versions", "git", "machine", "command")
@@ -145,9 +145,9 @@ def distinct(values: Sequence[Any]) -> list[Any]:
     return found
 
 
-def setting_of(differs: dict[str, Any]) -> str:
+def setting_of(differs: dict[str, Any], factors: Sequence[Factor] = ()) -> str:
     """What tells a stage from the first of its kind, in short; `provenance.json` has every difference."""
-    names = {
+    names = {factor.key: factor.label for factor in factors} | {
         "model.context_size": "context size",
         "planner.kind": "planner",
         "lookup.spacing": "look-up",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from affmap.results.claims import Claim, Score
-from affmap.results.metrics import EXTRA, METRICS
+from affmap.results.metrics import METRICS, extra_metrics
 from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, PLANNERS, ReportSettings
 from affmap.results.tables import Results
 
@@ -73,7 +73,7 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
     losses = results.last_epoch.assign(**{key: "" for key in keys if key not in results.last_epoch})
     if losses["layout"].nunique() == 1:
         losses["layout"] = ""
-    metrics = ["validation_nll", "prediction_error", settings.outcome, *EXTRA]
+    metrics = ["validation_nll", "prediction_error", settings.outcome, *extra_metrics()]
     tables = [_centers(losses if metric == "validation_nll" else results.runs, metric, keys) for metric in metrics]
     places = {layout: place for place, layout in enumerate(["", *results.layouts])}  # in the order of the figures
     ordered = [each.sort_values("layout", key=lambda names: names.map(places), kind="stable") for each in tables]

@@ -15,7 +15,7 @@ import pandas as pd
 from affmap.env.layout import Layout
 from affmap.results import files
 from affmap.results.files import VALIDATION_COLUMNS, Exploration, Maps, Trajectories
-from affmap.results.metrics import METRICS, summarise
+from affmap.results.metrics import run_metrics, stored_metrics, summarise
 from affmap.results.setting import (
     CONTEXT_SIZE,
     FACTORS,
@@ -31,15 +31,10 @@ from affmap.results.setting import (
 from affmap.settings.messages import ConfigError
 from affmap.store.provenance import canonical
 
-STORED = [
-    *("layout", "planner", "lookup_spacing", "context_size", "member", "run", "start_x", "start_y", "goal_x", "goal_y"),
-    *(column for column, metric in METRICS.items() if metric.stored),
-    *("crossable", "lookup_error"),
-]
-"""Columns of the table of a control stage."""
-
-RUN_COLUMNS = [*STORED, *(column for column, metric in METRICS.items() if metric.of_runs and not metric.stored)]
-"""Columns of a report's table of runs, beside those of factors without a column of their own."""
+SETTING_COLUMNS = ["layout", "planner", "lookup_spacing", "context_size"]
+PLACE_COLUMNS = ["member", "run", "start_x", "start_y", "goal_x", "goal_y"]
+WORLD_COLUMNS = ["crossable", "lookup_error"]
+"""Columns of the table of a control stage beside its metrics: before them, and after them."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +156,7 @@ class Results:
 
     @cached_property
     def runs(self) -> pd.DataFrame:
-        """One row per run of control: `RUN_COLUMNS`, and a column for each factor that is not among them."""
+        """One row per run of control: setting, place, metrics; factors without a column of their own have one, too."""
         table = pd.concat([self._with_factors(read_runs(setting), setting) for setting in self.settings])
         order = ["context_size", "planner", "layout", *self._own_columns, "member", "run"]
         places = {value: place for place, value in enumerate(self.x_values)}
@@ -311,16 +306,17 @@ def read_provenance(settings: Sequence[Setting]) -> dict[Path, dict[str, Any]]:
 
 
 def read_runs(setting: Setting) -> pd.DataFrame:
-    """The runs of a setting, one a row, columns `RUN_COLUMNS`; those that a stored table lacks are computed."""
+    """The runs of a setting, one a row, a column for each metric; those that a stored table lacks are computed."""
     return pd.concat([_read_runs(folder) for folder in setting.control], ignore_index=True)
 
 
 def _read_runs(folder: Path) -> pd.DataFrame:
-    table = files.read_runs(folder, [column for column in STORED if column not in METRICS])
-    lacking = [column for column in RUN_COLUMNS if column not in table]
-    if lacking:
+    table = files.read_runs(folder, [*SETTING_COLUMNS, *PLACE_COLUMNS, *WORLD_COLUMNS])
+    if lacking := [column for column in run_metrics() if column not in table]:
         table = table.join(summarise(files.read_trajectories([folder]), lacking))
-    return table[RUN_COLUMNS].astype({"steps_to_reach": "Int64"})
+    later = [column for column in run_metrics() if column not in stored_metrics()]
+    columns = [*SETTING_COLUMNS, *PLACE_COLUMNS, *stored_metrics(), *WORLD_COLUMNS, *later]
+    return table[columns].astype({"steps_to_reach": "Int64"})
 
 
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:

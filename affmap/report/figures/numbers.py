@@ -11,7 +11,7 @@ from affmap.report.drawing.colors import make_groups, name_of, readable
 from affmap.report.figures import pictures
 from affmap.report.figures.files import new_figure
 from affmap.results import failures as failing
-from affmap.results.metrics import EXTRA
+from affmap.results.metrics import extra_metrics
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
 
@@ -94,7 +94,7 @@ def shown_outcomes(settings: ReportSettings) -> list[str]:
 
     The distance where success is measured otherwise, and those that reports show in addition.
     """
-    return [*(["mean_distance"] if settings.outcome != "mean_distance" else []), *EXTRA]
+    return [*(["mean_distance"] if settings.outcome != "mean_distance" else []), *extra_metrics()]
 
 
 def failures(results: Results, settings: ReportSettings) -> Figure | None:
