@@ -20,7 +20,7 @@ from flights import SETTINGS, batches, data_module, dataset
 from measure import elapsed
 from training import CONTEXT_SIZE, MEMBERS, make_stack, update, updates
 
-from affmap.store.store import peak_memory
+from affmap.store.provenance import peak_memory
 from affmap.training.module import TrainingModule
 
 VARIED = {"members": (1, 5, 25, 125), "context_size": (0, 1, 3, 5, 8, 16, 32), "channels": (1, 2, 3, 4)}
