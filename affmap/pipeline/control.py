@@ -10,7 +10,9 @@ import torch
 
 from affmap.config.root import Config, label
 from affmap.control.agent import Agent
+from affmap.control.controller import Controller
 from affmap.control.episodes import control
+from affmap.control.registry import AgentSettings
 from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
 from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
@@ -22,7 +24,7 @@ from affmap.random import generator
 from affmap.results.tables import LAYOUTS
 from affmap.store.attempt import Attempt
 
-CONTROL = StageDefinition("control", ("models", "lookup", "planner", "control", "control_layout"), needs=TRAIN)
+CONTROL = StageDefinition("control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN)
 
 
 def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
@@ -30,15 +32,15 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     stack = trained(config, train).to(config.control.device)
     layouts = _layouts(config)
     lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
-    agent = Agent(stack, lookup, config.planner, config.control)
+    controller = _controller(config, stack, lookup)
     num_runs = config.members * config.control.runs_per_member
     with track(
         f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps", attempt.progress
     ) as update:
-        runs = control(agent, layouts, config.vehicle, config.control, update)
+        runs = control(controller, layouts, config.vehicle, config.control, config.seeds, update)
     setting: dict[str, str | int | float] = {
         "layout": config.control_layout.name,
-        "planner": config.planner.kind,
+        "planner": config.controller,
         "lookup_spacing": config.lookup.spacing,
         "context_size": config.model.context_size,
     }
@@ -51,6 +53,13 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     runs.table.to_csv(attempt.folder / "runs.csv", index=False, float_format="%.6f")
     np.savez_compressed(attempt.folder / "trajectories.npz", allow_pickle=False, **runs.trajectories)
     (attempt.folder / LAYOUTS).write_text(json.dumps([layout.model_dump(mode="json") for layout in flown]), "utf-8")
+
+
+def _controller(config: Config, stack: Stack, lookup: Lookup) -> Controller:
+    """What steers: an agent made of stack, look-up and planner, or one that needs none of them."""
+    if isinstance(config.agent, AgentSettings):
+        return Agent(stack, lookup, config.planner, config.control)
+    return config.agent
 
 
 def _layouts(config: Config) -> list[Layout]:

@@ -56,7 +56,7 @@ def find(config: Config) -> Job | None:
 
 def _job(config: Config, *folders: Path) -> Job:
     each = [(folder,) for folder in folders]
-    return Job(config.model.context_size, config.planner.kind, config.control_layout.name, *each)
+    return Job(config.model.context_size, config.controller, config.control_layout.name, *each)
 
 
 def run(config: Config) -> Job:
