@@ -116,10 +116,11 @@ def _trajectories(results: Results, settings: ReportSettings) -> str:
             )
     noise = " Inside fog a plan starts at the noisy position that the vehicle reports." if fog else ""
     planner = results.planners[0]
-    kind = {"cem": "evolutionary-based", "gradient": "gradient-based"}.get(planner, planner)
+    kinds = {"cem": "with evolutionary-based planning", "gradient": "with gradient-based planning"}
+    kind = kinds.get(planner, f"by “{planner}”")
     paper = "As the paper's Figure 5. " if settings.claims == "exp1" else ""
     return (
-        f"{paper}One moment of a run with {kind} planning. Shown are not the best runs but, by a rule: "
+        f"{paper}One moment of a run {kind}. Shown are not the best runs but, by a rule: "
         f"{examples.EXAMPLE_RULE}. {'; '.join(stories)}. Blue circles: {NUM_DEVIATIONS} standard deviations of the "
         f"predicted positions along the plan. Numbers are those of whole runs.{noise}"
     )

@@ -83,7 +83,7 @@ def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[
 def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
     """One row per metric, planner and layout, one column per context size; a star where it is outside the axis."""
     table = scores.medians(results, settings)
-    outside = table["paper_low"].notna() & ~table["inside"].fillna(True).astype(bool)
+    outside = table[["center", "paper_low"]].notna().all(axis=1) & ~table["inside"].fillna(True).astype(bool)
     table["shown"] = table["center"].map(number) + outside.map({True: " *", False: ""})
     table = table.fillna({"planner": "", "layout": ""})
     rows = []

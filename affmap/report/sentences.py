@@ -61,6 +61,8 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
         for value in (value for value in values if value in set(table[column])):
             scores = table[table[column] == value].astype({metric: float}).groupby("context_size")[metric]
             centers = scores.mean() if metric == "success" else scores.median()
+            if centers.isna().all():  # of an agent that predicts nothing
+                continue
             ends = [f"{number(centers[size])} {METRICS[metric].unit} at C = {size}" for size in centers.index[[0, -1]]]
             who = f" ({readable(value, settings)})" if table[column].nunique() > 1 else ""
             kind = "Share of successful runs" if metric == "success" else f"Median {METRICS[metric].name}"

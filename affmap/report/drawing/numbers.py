@@ -105,6 +105,8 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
         groups: what colours tell apart.
         paper: see `Span`.
     """
+    if runs[metric].isna().all():  # seaborn needs a number
+        return _unpredicted(ax, METRICS[metric].name)
     _mark(ax, paper)
     with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed
         warnings.filterwarnings("ignore", "vert: bool", DeprecationWarning)
@@ -195,6 +197,8 @@ def step_errors(ax: Axes, steps: pd.DataFrame) -> Axes:
         steps: one row per step, see `failures.step_errors`.
     """
     medians = steps.groupby(["context_size", "overlapped"])["prediction_error"].median()
+    if len(medians) and medians.isna().all():
+        return _unpredicted(ax, "step error")
     for size in medians.index.unique("context_size"):
         of_size = medians[size]
         ax.plot(of_size.index, of_size, marker=".", ms=4, lw=1, color=context_color(size), label=f"C = {size}")
@@ -217,6 +221,13 @@ def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Ma
         bottom += heights
     ax.set_xticks(range(len(table)), [str(size) for size in table.index])
     ax.set(xlabel="context size", ylabel="share of runs", ylim=(0.0, 1.0))
+    return ax
+
+
+def _unpredicted(ax: Axes, name: str) -> Axes:
+    """Say that a panel is empty because the agents predict nothing."""
+    ax.text(0.5, 0.5, f"no {name}:\nnothing was predicted", ha="center", va="center", transform=ax.transAxes)
+    ax.set(xticks=[], yticks=[])
     return ax
 
 
