@@ -23,7 +23,7 @@ from pydantic import BaseModel
 
 from affmap.cli import run
 from affmap.config import compose as composing
-from affmap.config import sweep
+from affmap.config import memory, sweep
 from affmap.config.memory import LIMIT_GIB, demands
 from affmap.config.root import Config, plain
 from affmap.pipeline.job import stages
@@ -164,6 +164,7 @@ def attempt(number: int, place: Place, value: Any) -> str:
     """Put a value at a place of a whole configuration; returns what came of it."""
     try:
         config = Config.checked(replaced(WHOLES[number], place, value), "the test")
+        memory.check(config, "the test")
     except ConfigError as error:
         message = str(error)
         check_told(message)
@@ -256,7 +257,9 @@ def test_several_keys_at_once_and_keys_that_do_not_exist(record_property: Callab
         if unknown and unknown[1] not in values[unknown[0]]:
             values = values | {unknown[0]: values[unknown[0]] | {unknown[1]: 1}}
         try:
-            check_sane(Config.checked(values, "the test"))
+            config = Config.checked(values, "the test")
+            memory.check(config, "the test")
+            check_sane(config)
             tried["accepted"] += 1
         except ConfigError as error:
             check_told(str(error))

@@ -56,7 +56,7 @@ def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
         assert time.monotonic() < deadline, "a worker is left"
         time.sleep(0.1)
     assert len({path.parent for path in tmp_path.glob("store/train/*/unfinished/*.ckpt")}) == workers
-    states = [setting.state for setting in status.settings(Sweep.read(overrides))]
+    states = [setting.state for setting in status.jobs(Sweep.read(overrides))]
     assert states == ["stopped", "stopped" if workers == 2 else "missing"]
     assert finish(start(tmp_path)) == 0, said(tmp_path)
     assert results(tmp_path).items() >= results(undisturbed).items()

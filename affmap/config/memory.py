@@ -35,8 +35,12 @@ class Demand(NamedTuple):
         return 4 * self.numbers / 2**30
 
 
-def check(config: Config) -> None:
+def check(config: Config, origin: str = "the configuration") -> None:
     """Reject a job that no machine could run.
+
+    Args:
+        config: of the job.
+        origin: where its values come from, named in the error.
 
     Raises:
         ConfigError: something would be larger than `LIMIT_GIB`; the message names the keys that its size follows from.
@@ -45,7 +49,7 @@ def check(config: Config) -> None:
         if demand.gib > LIMIT_GIB:
             values = [f"{key} = {shown(attrgetter(key)(config))}" for key in demand.keys]
             raise ConfigError(
-                f"the configuration: {', '.join(values)}: {demand.what} would take {demand.gib:.2g} GiB of memory at "
+                f"{origin}: {', '.join(values)}: {demand.what} would take {demand.gib:.2g} GiB of memory at "
                 "once; make something smaller."
             )
 

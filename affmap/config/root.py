@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from affmap.control.agent import ControlSettings
+from affmap.control.registry import PLANNER, AnyAgent
 from affmap.data.collect import Exploration
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
@@ -18,7 +19,7 @@ from affmap.model.stack import ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
-from affmap.settings import ConfigError, Count, Folder, Line, Name, Seed, Settings
+from affmap.settings import ConfigError, Count, Folder, Line, Name, Neutral, Seed, Settings
 from affmap.settings.messages import shown
 from affmap.training.settings import TrainingSettings
 
@@ -110,6 +111,7 @@ class Config(Settings):
     training: TrainingSettings
     lookup: LookupSettings
     planner: AnyPlanner
+    agent: Annotated[AnyAgent, Neutral(PLANNER)]
     control: ControlSettings
     report: ReportSettings
 
@@ -158,6 +160,11 @@ class Config(Settings):
         return self.training_layouts[0].channels
 
     @property
+    def controller(self) -> str:
+        """What steers, in tables: the kind of the planner, or of an agent that has none."""
+        return self.planner.kind if self.agent == PLANNER else self.agent.kind
+
+    @property
     def seeds(self) -> range:
         """The members' own seeds, M of them."""
         return range(self.seed, self.seed + self.members)
@@ -170,7 +177,7 @@ def _same(one: Path, other: Path) -> bool:
 def label(config: Config) -> str:
     """What tells a job from the others of its sweep."""
     layout, size = config.control_layout.name, config.model.context_size
-    return f"{layout}, context size {size}, {config.planner.kind}, {config.lookup.name}"
+    return f"{layout}, context size {size}, {config.controller}, {config.lookup.name}"
 
 
 def plain(config: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from affmap.config.root import Config
 from affmap.settings import ConfigError
 from hydra_plugins.hyperopt_sweeper import TRIALS, read_trials
 
-AFTER_TRAINING = ("planner", "control", "lookup", "control_layout", "map_layout", "report")
+AFTER_TRAINING = ("agent", "planner", "control", "lookup", "control_layout", "map_layout", "report")
 """Groups that a training does not depend on."""
 
 

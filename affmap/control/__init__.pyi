@@ -1,8 +1,13 @@
 from .agent import Agent as Agent
 from .agent import ControlSettings as ControlSettings
-from .agent import Decision as Decision
-from .agent import Observation as Observation
+from .controller import Controller as Controller
+from .controller import Decision as Decision
+from .controller import Observation as Observation
 from .episodes import Runs as Runs
+from .episodes import control as control
 from .episodes import fly as fly
 from .pilot import Pilot as Pilot
 from .pretrained import load as load
+from .random import RandomAgent as RandomAgent
+from .registry import register as register
+from .straight import StraightAgent as StraightAgent

@@ -4,14 +4,16 @@ One agent object steers B vehicles at once, the same number for each member of a
 stack, a look-up and a planner; it knows no environment.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
 
+from affmap.control.controller import Controller
+from affmap.control.controller import Decision as Decision
+from affmap.control.controller import Observation as Observation
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
 from affmap.model.code_cache import CachedEncoder
@@ -44,37 +46,6 @@ class ControlSettings(Settings):
     """Distance to the goal below which it is reached, u."""
     device: str = Field(pattern=r"^(cpu|cuda(:[0-9]{1,2})?)$", exclude=True)
     """Where to plan: cpu or cuda."""
-
-
-class Observation(NamedTuple):
-    """What B vehicles sense."""
-
-    position: Tensor
-    """Reported position, `[B, 2]`, u."""
-    delta: Tensor
-    """Its last change, `[B, 2]`, u/step."""
-    view: Tensor
-    """`[B, K, 11, 11]` bool"""
-    goal: Tensor
-    """`[B, 2]`, u."""
-
-    @classmethod
-    def of(cls, observations: Sequence[Mapping[str, np.ndarray]], device: str = "cpu") -> "Observation":
-        """What B environments have returned, as tensors."""
-        parts = {key: np.stack([each[key] for each in observations]) for key in cls._fields}
-        parts["view"] = parts["view"].astype(bool)
-        return cls(**{key: torch.from_numpy(part).to(device) for key, part in parts.items()})
-
-
-class Decision(NamedTuple):
-    """What B vehicles do next, and what they expect."""
-
-    action: Tensor
-    """`[B, 4]`, to be executed now."""
-    path: Gaussian
-    """Expected positions if the whole plan were executed, of `[B, H, 2]`, u."""
-    delta: Gaussian
-    """Expected change of position in the next step, of `[B, 2]`, u/step, from the view at the vehicle."""
 
 
 class AgentState(NamedTuple):
@@ -213,6 +184,23 @@ def check_channels(agent: Agent, layout: Layout) -> None:
         )
 
 
+def seeds_of(controller: Controller) -> tuple[int, ...]:
+    """The seeds of an agent's members; 0 alone for a controller that is no `Agent`."""
+    return controller.seeds if isinstance(controller, Agent) else (0,)
+
+
+def bring(controller: Controller, layout: Layout) -> Controller:
+    """The controller in a world: an `Agent` with a look-up of that world, any other as it is.
+
+    Raises:
+        ConfigError: the agent was trained with other channels.
+    """
+    if not isinstance(controller, Agent):
+        return controller
+    check_channels(controller, layout)
+    return controller.elsewhere([layout.map])
+
+
 def prediction_error(decision: Decision, delta: Tensor) -> Tensor:
-    """Negative log-likelihood of the changes of position `[B, 2]` that came to be: `[B]` in nats."""
+    """Negative log-likelihood of the changes of position `[B, 2]` that came to be: `[B]` in nats, NaN without one."""
     return nll(decision.delta, delta)

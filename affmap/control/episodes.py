@@ -1,6 +1,6 @@
 """Goal-directed runs -> tables: every member flies from every corner to the opposite one (Section 4.2).
 
-All runs of a stack go on side by side, one vehicle environment each. Knows agents and environments.
+All runs go on side by side, one vehicle environment each. Knows controllers and environments.
 """
 
 from collections import defaultdict
@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from affmap.control.agent import Agent, ControlSettings, Decision, Observation, check_channels, prediction_error
+from affmap.control.agent import Agent, ControlSettings, bring, prediction_error, seeds_of
+from affmap.control.controller import Controller, Decision, Observation
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, world
@@ -29,22 +30,31 @@ class Runs(NamedTuple):
     trajectories: dict[str, np.ndarray]
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
     `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member [B]`,
-    `run [B]`."""
+    `run [B]`. What a controller did not predict is NaN."""
 
 
 def control(
-    agent: Agent,
+    controller: Controller,
     layouts: Sequence[Layout],
     vehicle: Vehicle,
     settings: ControlSettings,
+    seeds: Sequence[int],
     on_step: Callable[[int], None] = lambda step: None,
 ) -> Runs:
-    """Let every member of `agent` fly all its runs, in one world or, with B `layouts` (member-major), each in its own.
+    """Let every member fly all its runs, in one world or, with B `layouts` (member-major), each in its own.
 
-    Start, goal and everything random in a run depend on the member and the number of the run only, so that planners,
-    look-ups and context sizes are compared on the same starts and goals. `on_step` is called with the steps done.
+    Start, goal and everything random in a run depend on the member's seed and the number of the run only, so that
+    agents, planners, look-ups and context sizes are compared on the same starts and goals.
+
+    Args:
+        controller: what steers, side by side, the B vehicles of all members.
+        layouts: the world, or B of them.
+        vehicle: its physical constants.
+        settings: how many runs and steps, and what counts as reached.
+        seeds: of the M members; those of an `Agent` are its own, `agent.seeds`.
+        on_step: called with the number of steps done.
     """
-    pairs = [(seed, run) for seed in agent.seeds for run in range(settings.runs_per_member)]
+    pairs = [(seed, run) for seed in seeds for run in range(settings.runs_per_member)]
     flown = [layouts[0]] * len(pairs) if len(layouts) == 1 else layouts
     worlds = [layout.map for layout in layouts]
     envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for layout in flown]
@@ -56,9 +66,9 @@ def control(
     positions = [np.stack([info["position"] for _, info in starts])]
     observation = _batch([start for start, _ in starts], views(worlds, positions[-1]), settings.device)
     record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
-    state = agent.initial(len(pairs))
+    state = controller.initial(len(pairs))
     for step in range(settings.num_steps):
-        decision, state = agent.act(observation, state, generators)
+        decision, state = controller.act(observation, state, generators)
         results = [env.step(action) for env, action in zip(envs, decision.action.cpu().numpy(), strict=True)]
         infos = [result[4] for result in results]
         positions.append(np.stack([info["position"] for info in infos]))
@@ -72,19 +82,21 @@ def control(
     return Runs(summarise(trajectories), trajectories)
 
 
-def fly(agent: Agent, layout: Layout | Procedural | str) -> Runs:
+def fly(controller: Controller, layout: Layout | Procedural | str) -> Runs:
     """Let every member of an agent fly all its runs in a world of one's own, with the vehicle of the paper.
 
     Args:
-        agent: made by `affmap.load`, for instance.
+        controller: an agent made by `affmap.load`, for instance. Any other controller flies the runs of member 0, with
+            the settings of `conf/control/default.yaml`; `control` takes other ones.
         layout: the world, or the name of a file in `conf/layout`; of rules for worlds the first member's first one.
 
     Raises:
         ConfigError: there is no such file, or the agent was trained with other channels.
     """
-    flown = world(layout, agent.seeds[0])
-    check_channels(agent, flown)
-    return control(agent.elsewhere([flown.map]), [flown], Vehicle.load("vehicle", "default"), agent.settings)
+    seeds = seeds_of(controller)
+    settings = controller.settings if isinstance(controller, Agent) else ControlSettings.load("control", "default")
+    flown = world(layout, seeds[0])
+    return control(bring(controller, flown), [flown], Vehicle.load("vehicle", "default"), settings, seeds)
 
 
 def _note(
@@ -113,18 +125,10 @@ def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
 
     Columns: member, run; start_x, start_y, goal_x, goal_y (u); and the metrics that tables of runs have
     (`affmap.results.metrics`): prediction_error (nats, mean over steps of the negative log-likelihood of the change of
-    position); mean_distance (u, between true position and goal, mean over the steps' ends); reached; steps_to_reach
-    (empty where not reached); success (reached, and never in fog; Experiment IV); steps_touching; steps_in_fog;
-    final_spread (u, largest distance of the positions of the last quarter from their mean: less than the vehicle's
-    diameter where it is stuck).
+    position; NaN where nothing was predicted); mean_distance (u, between true position and goal, mean over the steps'
+    ends); reached; steps_to_reach (empty where not reached); success (reached, and never in fog; Experiment IV);
+    steps_touching; steps_in_fog; final_spread (u, largest distance of the positions of the last quarter from their
+    mean: less than the vehicle's diameter where it is stuck).
     """
     paths = Trajectories(**trajectories)
-    places = {
-        "member": paths.member,
-        "run": paths.run,
-        "start_x": paths.position[:, 0, 0],
-        "start_y": paths.position[:, 0, 1],
-        "goal_x": paths.goal[:, 0],
-        "goal_y": paths.goal[:, 1],
-    }
-    return pd.DataFrame(places).join(metrics.summarise(paths, metrics.stored_metrics()))
+    return metrics.places(paths).join(metrics.summarise(paths, metrics.stored_metrics()))

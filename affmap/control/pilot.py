@@ -4,60 +4,63 @@ For flights that something else drives: a Gymnasium loop, a window, a camera. Ma
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from affmap.control.agent import Agent, AgentState, Decision, Observation, check_channels
+from affmap.control.agent import Agent, bring, seeds_of
+from affmap.control.controller import Controller, Decision, Observation
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, world
-from affmap.model.transition import Carry
 from affmap.random import generator
 
 
 class Thought(NamedTuple):
-    """What the pilot had in mind when it chose an action; lengths in u."""
+    """What the pilot had in mind when it chose an action; lengths in u. Positions that nothing expects are NaN."""
 
     path: np.ndarray
     """`[H, 2]`, expected positions."""
     std: np.ndarray
     """`[H, 2]`, standard deviations of the predicted positions."""
     candidates: np.ndarray
-    """`[N, H, 2]`, expected positions of the planner's last candidates."""
+    """`[N, H, 2]`, expected positions of the planner's last candidates; N is 0 without a planner."""
     costs: np.ndarray
     """`[N]`, their expected free energy, nats."""
 
 
 class Pilot:
-    """Flies `affmap/Vehicle-v0` with an agent of one member: `action = pilot(observation)`."""
+    """Flies `affmap/Vehicle-v0` with any controller, such as an agent of one member: `action = pilot(observation)`."""
 
-    def __init__(self, agent: Agent, layout: Layout | Procedural | str, seed: int = 0) -> None:
+    def __init__(self, agent: Controller, layout: Layout | Procedural | str, seed: int = 0) -> None:
         """Take the controls in a world; everything random comes from `seed`.
 
         Raises:
             ConfigError: there is no such world, or the agent was trained with other channels.
             ValueError: the agent has several members.
         """
-        if len(agent.seeds) != 1:
-            raise ValueError(f"a pilot is one member, and this agent has {list(agent.seeds)}; load a single one.")
-        flown = world(layout, agent.seeds[0])
-        check_channels(agent, flown)
-        self.agent, self._seed = agent.elsewhere([flown.map]), seed
+        seeds = seeds_of(agent)
+        if len(seeds) != 1:
+            raise ValueError(f"a pilot is one member, and this agent has {list(seeds)}; load a single one.")
+        self.agent, self._seed = bring(agent, world(layout, seeds[0])), seed
+        self._device = agent.settings.device if isinstance(agent, Agent) else "cpu"
         self.reset()
 
     def reset(self) -> None:
         """Forget the last plan; to be called where the environment is reset."""
-        self._state: AgentState = self.agent.initial(1)
+        self._state: Any = self.agent.initial(1)
         self._generators = [generator(self._seed, "planner", 0)]
-        self._last: tuple[Observation, Carry, Decision] | None = None
+        self._last: tuple[Observation, Any, Decision] | None = None
 
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """The action `[4]` for what the environment has returned."""
-        seen, carry = Observation.of([observation], self.agent.settings.device), self._state.carry
-        decision, self._state = self.agent.act(seen, self._state, self._generators, self._watch)
-        self._last = seen, carry, decision
+        seen, state = Observation.of([observation], self._device), self._state
+        if isinstance(self.agent, Agent):
+            decision, self._state = self.agent.act(seen, state, self._generators, self._watch)
+        else:
+            decision, self._state = self.agent.act(seen, state, self._generators)
+        self._last = seen, state, decision
         return decision.action[0].cpu().numpy()
 
     def consider(self, observation: Mapping[str, np.ndarray]) -> Thought:
@@ -79,9 +82,11 @@ class Pilot:
         """
         if self._last is None:
             raise ValueError("the pilot has not acted yet; call it with an observation first.")
-        seen, carry, decision = self._last
-        actions, costs = self._tried
-        with torch.no_grad():
-            candidates = self.agent.imagine(seen, actions, carry).mean[0]
-        parts = decision.path.mean[0], decision.path.log_std[0].exp(), candidates, costs[0]
-        return Thought(*(part.cpu().numpy() for part in parts))
+        seen, state, decision = self._last
+        path, std = decision.path.mean[0], decision.path.log_std[0].exp()
+        candidates, costs = path[None][:0], path.new_empty(0)
+        if isinstance(self.agent, Agent):
+            actions, (costs,) = self._tried
+            with torch.no_grad():
+                candidates = self.agent.imagine(seen, actions, state.carry).mean[0]
+        return Thought(*(part.cpu().numpy() for part in (path, std, candidates, costs)))

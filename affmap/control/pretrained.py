@@ -34,8 +34,7 @@ def load(
             experiment of the reference run, `exp1` to `exp5` (a part of which is all that an installed package has).
         context_size: C, of those that the experiment has.
         members: which of its M members, by their seeds.
-        planner: any planner; or the name of a file of `conf/planner`; by default the first that flew there.
-
+        planner: any planner; or the name of a file of `conf/planner`; by default that of the first job.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.)
 
@@ -94,7 +93,8 @@ def origin(source: str | Path) -> Origin:
     jobs = record["jobs"]
     there = {job["context_size"] for job in jobs if all(_weights(report, digest).is_file() for digest in job["train"])}
     channels = record["configs"]["data"]["training_layouts"][0]["channels"]
-    return Origin(sorted(there), jobs[0]["planner"], jobs[0]["layout"], tuple(channels))
+    planner = provenance.config_of(record, jobs[0]["control"][0])["planner"]["kind"]  # though it may not have flown
+    return Origin(sorted(there), planner, jobs[0]["layout"], tuple(channels))
 
 
 def _weights(report: Path, digest: str) -> Path:

@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from affmap.data.collect import Exploration
+from affmap.data.collect import Exploration, read_dataset
 from affmap.model.windows import Windows, take_apart
 from affmap.random import generator
-from affmap.store.files import guarded_read, read_arrays
+from affmap.store.files import guarded_read
 
 
 class Batch(NamedTuple):
@@ -36,7 +36,7 @@ class Batch(NamedTuple):
 
 def read(path: Path) -> Batch:
     """A data set (see `affmap.data.collect`) as one batch of all its S sequences."""
-    found = read_arrays(path)
+    found = read_dataset(path)
     with guarded_read(path):
         delta = torch.from_numpy(np.diff(found["position"], axis=1, prepend=found["position"][:, :1]))
         views, action = torch.from_numpy(found["view"]), torch.from_numpy(found["action"])

@@ -14,6 +14,7 @@ Arrays of a data set (S sequences, those of one world after the other; T steps; 
 """
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -24,6 +25,10 @@ from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.settings import Count, Seed, Settings, Share
+from affmap.store.files import read_arrays
+
+DATASET = "dataset.npz"
+"""File of a stage that holds a data set."""
 
 
 class Exploration(Settings):
@@ -129,3 +134,17 @@ def coverage(layout: Layout, vehicle: Vehicle, positions: np.ndarray, cell: floa
     centers = np.stack(np.meshgrid(*[(edge[1:] + edge[:-1]) / 2 for edge in edges]), axis=-1)
     free = layout.is_free(centers, vehicle.radius)
     return {"counts": counts, "free": free, "coverage": np.array((counts[free] > 0).mean())}
+
+
+def write_dataset(folder: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write a data set."""
+    np.savez_compressed(folder / DATASET, allow_pickle=False, **arrays)
+
+
+def read_dataset(path: Path) -> dict[str, np.ndarray]:
+    """Read the arrays of the data set at `path`.
+
+    Raises:
+        ConfigError: the file is corrupted.
+    """
+    return read_arrays(path)

@@ -2,10 +2,8 @@
 
 import logging
 
-import numpy as np
-
 from affmap.config.root import Config
-from affmap.data.collect import collect, coverage
+from affmap.data.collect import collect, coverage, write_dataset
 from affmap.pipeline.progress import track
 from affmap.pipeline.stage import StageDefinition
 from affmap.results.files import write_coverage
@@ -15,8 +13,6 @@ log = logging.getLogger("affmap")
 
 DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
 
-DATASET = "dataset.npz"
-
 
 def make_data(config: Config, attempt: Attempt) -> None:
     """Explore, and write the data set and where it has been."""
@@ -24,7 +20,7 @@ def make_data(config: Config, attempt: Attempt) -> None:
     names = ", ".join(layout.name for layout in layouts)
     with track(f"exploration of {names}", len(layouts) * num_sequences, "sequences", attempt.progress) as update:
         arrays = collect(layouts, config.vehicle, config.data, lambda sequence: update(sequence + 1))
-    np.savez_compressed(attempt.folder / DATASET, allow_pickle=False, **arrays)
+    write_dataset(attempt.folder, arrays)
     parts = arrays["true_position"].reshape(len(layouts), num_sequences, -1, 2)
     covered = [coverage(layout, config.vehicle, part) for layout, part in zip(layouts, parts, strict=True)]
     share = 100 * write_coverage(attempt.folder, covered).coverage.min()

@@ -7,7 +7,7 @@ from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import find, stages
 from affmap.results.provenance import leaves
-from affmap.results.setting import Setting, Value
+from affmap.results.setting import PLANNER, Setting, Value
 from affmap.results.tables import join
 from affmap.settings.messages import ConfigError
 
@@ -53,6 +53,8 @@ def _values(sweep: Sweep) -> list[dict[str, Value]]:
         given: list[Value] = [swept[key] for swept in sweep.swept]
         found = [_value(config, key) for config in sweep.configs]
         values = found if None not in found and len(set(found)) == len(set(given)) else given
+        if key == PLANNER.key and any(config.controller != config.planner.kind for config in sweep.configs):
+            continue  # other agents do without it
         whole = all(isinstance(value, float) and value.is_integer() for value in values)  # 10 is said, and not 10.0
         for each, value in zip(every, values, strict=True):
             assert value is not None

@@ -9,7 +9,9 @@ import torch
 
 from affmap.config.root import Config, label
 from affmap.control.agent import Agent
+from affmap.control.controller import Controller
 from affmap.control.episodes import control
+from affmap.control.registry import AgentSettings
 from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
 from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
@@ -19,9 +21,10 @@ from affmap.pipeline.stage import StageDefinition
 from affmap.pipeline.train import TRAIN, trained
 from affmap.random import generator
 from affmap.results.files import write_layouts, write_runs, write_trajectories
+from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, SPACING, Factor, Value
 from affmap.store.attempt import Attempt
 
-CONTROL = StageDefinition("control", ("models", "lookup", "planner", "control", "control_layout"), needs=TRAIN)
+CONTROL = StageDefinition("control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN)
 
 
 def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
@@ -29,27 +32,33 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     stack = trained(config, train).to(config.control.device)
     layouts = _layouts(config)
     lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
-    agent = Agent(stack, lookup, config.planner, config.control)
+    controller = _controller(config, stack, lookup)
     num_runs = config.members * config.control.runs_per_member
     with track(
         f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps", attempt.progress
     ) as update:
-        runs = control(agent, layouts, config.vehicle, config.control, update)
-    setting: dict[str, str | int | float] = {
-        "layout": config.control_layout.name,
-        "planner": config.planner.kind,
-        "lookup_spacing": config.lookup.spacing,
-        "context_size": config.model.context_size,
+        runs = control(controller, layouts, config.vehicle, config.control, config.seeds, update)
+    values: dict[Factor, Value] = {
+        LAYOUT: config.control_layout.name,
+        PLANNER: config.controller,
+        SPACING: config.lookup.spacing,
+        CONTEXT_SIZE: config.model.context_size,
     }
-    for place, (key, value) in enumerate(setting.items()):
-        runs.table.insert(place, key, value)
+    setting = {factor.column: values[factor] for factor in FACTORS.values()}
     flown = layouts * num_runs if len(layouts) == 1 else layouts
     starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
-    runs.table["crossable"] = [crossable(*run) for run in zip(flown, repeat(config.vehicle), starts, goals)]
-    runs.table["lookup_error"] = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
-    write_runs(attempt.folder, runs.table)
+    ways = [crossable(*run) for run in zip(flown, repeat(config.vehicle), starts, goals)]
+    errors = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
+    write_runs(attempt.folder, setting, runs.table, [ways, errors])
     write_trajectories(attempt.folder, runs.trajectories)
     write_layouts(attempt.folder, flown)
+
+
+def _controller(config: Config, stack: Stack, lookup: Lookup) -> Controller:
+    """What steers: an agent made of stack, look-up and planner, or one that needs none of them."""
+    if isinstance(config.agent, AgentSettings):
+        return Agent(stack, lookup, config.planner, config.control)
+    return config.agent
 
 
 def _layouts(config: Config) -> list[Layout]:

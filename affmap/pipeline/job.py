@@ -61,7 +61,7 @@ def find(config: Config, values: Mapping[str, Value] = MappingProxyType({})) -> 
 def _setting(config: Config, folders: Sequence[Path], values: Mapping[str, Value] = MappingProxyType({})) -> Setting:
     always: dict[str, Value] = {
         CONTEXT_SIZE.key: config.model.context_size,
-        PLANNER.key: config.planner.kind,
+        PLANNER.key: config.controller,
         LAYOUT.key: config.control_layout.name,
     }
     return Setting({**always, **values}, {name: (folder,) for name, folder in zip(STAGES, folders, strict=True)})

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from affmap.config.root import Config
+from affmap.data.collect import DATASET
 from affmap.model.stack import Stack
 from affmap.model.weights import WEIGHTS, restore
-from affmap.pipeline.collect import DATA, DATASET
+from affmap.pipeline.collect import DATA
 from affmap.pipeline.progress import track
 from affmap.pipeline.stage import StageDefinition
 from affmap.store.attempt import Attempt

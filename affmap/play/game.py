@@ -145,7 +145,9 @@ class Game:
     def code(self) -> np.ndarray:
         """`[C]`, the context code where the vehicle is."""
         position = torch.tensor(self.past[-1], dtype=torch.float32)[None, None]
-        return self._pilot.agent.lookup(position)[0, 0].numpy()
+        agent = self._pilot.agent
+        assert isinstance(agent, Agent)
+        return agent.lookup(position)[0, 0].numpy()
 
     @property
     def distance(self) -> float:

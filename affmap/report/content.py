@@ -89,7 +89,7 @@ def _own_factor(results: Results) -> Factor | None:
 def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
     """One row per metric, planner and layout, one column per x value; a star where it is outside the paper's axis."""
     table = scores.medians(results, settings)
-    outside = table["paper_low"].notna() & ~table["inside"].fillna(True).astype(bool)
+    outside = table[["center", "paper_low"]].notna().all(axis=1) & ~table["inside"].fillna(True).astype(bool)
     table["shown"] = table["center"].map(number) + outside.map({True: " *", False: ""})
     own = _own_factor(results)
     keys = ["planner", "layout", *([own.column] if own else [])]

@@ -60,6 +60,8 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
         for value in (value for value in values if value in set(table[factor.column])):
             scores = table[table[factor.column] == value].astype({metric: float}).groupby(x.column, sort=False)[metric]
             centers = scores.mean() if metric == "success" else scores.median()
+            if centers.isna().all():  # of an agent that predicts nothing
+                continue
             ends = [
                 f"{number(centers[end])} {METRICS[metric].unit} at {x.format(end)}" for end in centers.index[[0, -1]]
             ]

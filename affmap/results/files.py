@@ -7,7 +7,7 @@ corrupted, and execute nothing in it. The data set has its reader in `affmap.dat
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -150,9 +150,27 @@ def read_trajectories(folders: Sequence[Path]) -> Trajectories:
     return Trajectories(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def write_runs(folder: Path, table: pd.DataFrame) -> None:
-    """Write a table of runs, a row each."""
-    table.to_csv(folder / RUNS, index=False, float_format="%.6f")
+WORLD_COLUMNS = ["crossable", "lookup_error"]
+"""Columns of a table of runs that follow from layouts: is there a way, and how far are the planner's codes off?"""
+
+
+def write_runs(
+    folder: Path,
+    setting: Mapping[str, str | int | float],
+    table: pd.DataFrame,
+    world: Sequence[Sequence[Any] | np.ndarray],
+) -> None:
+    """Write a table of runs.
+
+    Args:
+        folder: of the stage.
+        setting: columns before all others, the same for all runs.
+        table: one row a run.
+        world: the columns `WORLD_COLUMNS`, after all others.
+    """
+    before = pd.DataFrame(dict(setting), index=table.index)
+    after = pd.DataFrame(dict(zip(WORLD_COLUMNS, world, strict=True)), index=table.index)
+    before.join(table).join(after).to_csv(folder / RUNS, index=False, float_format="%.6f")
 
 
 def read_runs(folder: Path, columns: Sequence[str]) -> pd.DataFrame:

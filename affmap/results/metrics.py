@@ -129,6 +129,22 @@ def run_metrics() -> list[str]:
     return [*stored_metrics(), *later]
 
 
+PLACES: dict[str, Callable[[Trajectories], Column]] = {
+    "member": lambda paths: paths.member,
+    "run": lambda paths: paths.run,
+    "start_x": lambda paths: paths.position[:, 0, 0],
+    "start_y": lambda paths: paths.position[:, 0, 1],
+    "goal_x": lambda paths: paths.goal[:, 0],
+    "goal_y": lambda paths: paths.goal[:, 1],
+}
+"""Column -> what tells a run from the others of its setting; lengths in u."""
+
+
+def places(paths: Trajectories) -> pd.DataFrame:
+    """The member, number, start and goal of B runs, a row each."""
+    return pd.DataFrame({column: read(paths) for column, read in PLACES.items()})
+
+
 def summarise(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:
     """The metrics of B runs, a row each, in the order of `columns`."""
     functions = {column: METRICS[column].of_runs for column in columns}

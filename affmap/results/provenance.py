@@ -149,13 +149,14 @@ def setting_of(differs: dict[str, Any], factors: Sequence[Factor] = ()) -> str:
     """What tells a stage from the first of its kind, in short; `provenance.json` has every difference."""
     names = {factor.key: factor.label for factor in factors} | {
         "model.context_size": "context size",
+        "agent.kind": "agent",
         "planner.kind": "planner",
         "lookup.spacing": "look-up",
         "control_layout.name": "flown in",
         "map_layout.name": "map of",
         "training.num_epochs": "epochs",
     }
-    parts = [f"{name} {differs[key]}" for key, name in names.items() if key in differs]
+    parts = [f"{name} {differs[key]}" for key, name in names.items() if differs.get(key) is not None]
     if "training_layouts" in differs:
         parts.insert(0, f"trained in {', '.join(layout['name'] for layout in differs['training_layouts'])}")
     return ", ".join(parts) or NOTHING

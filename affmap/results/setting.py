@@ -57,8 +57,8 @@ PLANNER = Factor("planner", "planner", "planner")
 LAYOUT = Factor("control_layout", "layout", "layout")
 SPACING = Factor("lookup.spacing", "lookup_spacing", "map spacing (u)", "spacing")
 
-FACTORS = {factor.key: factor for factor in (CONTEXT_SIZE, PLANNER, LAYOUT, SPACING)}
-"""Key -> factor, of those that every table of runs has a column for."""
+FACTORS = {factor.key: factor for factor in (LAYOUT, PLANNER, SPACING, CONTEXT_SIZE)}
+"""Key -> factor, of those that every table of runs has a column for, in the order of the columns."""
 
 
 def make_factor(key: str) -> Factor:

@@ -14,8 +14,8 @@ import pandas as pd
 
 from affmap.env.layout import Layout
 from affmap.results import files
-from affmap.results.files import VALIDATION_COLUMNS, Exploration, Maps, Trajectories
-from affmap.results.metrics import run_metrics, stored_metrics, summarise
+from affmap.results.files import VALIDATION_COLUMNS, WORLD_COLUMNS, Exploration, Maps, Trajectories
+from affmap.results.metrics import PLACES, run_metrics, stored_metrics, summarise
 from affmap.results.setting import (
     CONTEXT_SIZE,
     FACTORS,
@@ -30,11 +30,6 @@ from affmap.results.setting import (
 )
 from affmap.settings.messages import ConfigError
 from affmap.store.provenance import canonical
-
-SETTING_COLUMNS = ["layout", "planner", "lookup_spacing", "context_size"]
-PLACE_COLUMNS = ["member", "run", "start_x", "start_y", "goal_x", "goal_y"]
-WORLD_COLUMNS = ["crossable", "lookup_error"]
-"""Columns of the table of a control stage beside its metrics: before them, and after them."""
 
 
 @dataclass(frozen=True)
@@ -311,12 +306,12 @@ def read_runs(setting: Setting) -> pd.DataFrame:
 
 
 def _read_runs(folder: Path) -> pd.DataFrame:
-    table = files.read_runs(folder, [*SETTING_COLUMNS, *PLACE_COLUMNS, *WORLD_COLUMNS])
+    before, after = [*(factor.column for factor in FACTORS.values()), *PLACES], WORLD_COLUMNS
+    table = files.read_runs(folder, [*before, *after])
     if lacking := [column for column in run_metrics() if column not in table]:
         table = table.join(summarise(files.read_trajectories([folder]), lacking))
     later = [column for column in run_metrics() if column not in stored_metrics()]
-    columns = [*SETTING_COLUMNS, *PLACE_COLUMNS, *stored_metrics(), *WORLD_COLUMNS, *later]
-    return table[columns].astype({"steps_to_reach": "Int64"})
+    return table[[*before, *stored_metrics(), *after, *later]].astype({"steps_to_reach": "Int64"})
 
 
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:

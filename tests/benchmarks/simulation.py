@@ -113,7 +113,7 @@ def control_step(members: int = 25, num_steps: int = 20) -> pd.DataFrame:
         ends.append(time.perf_counter())
 
     with clocked(Agent, "act", seconds), clocked(VehicleEnv, "step", seconds), clocked(Physics, "step", seconds):
-        control(agent, [LAYOUT], VEHICLE, settings, on_step)
+        control(agent, [LAYOUT], VEHICLE, settings, agent.seeds, on_step)
     total, steps = ends[-1] - ends[0], num_steps - 1
     planning, env, physics = (seconds[name] for name in ("Agent.act", "VehicleEnv.step", "Physics.step"))
     parts = {

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from affmap.config import sweep
 from affmap.config.root import Config, label
+from affmap.control.straight import StraightAgent
 from affmap.env.procedural import Procedural
 from affmap.pipeline.collect import DATA
 from affmap.pipeline.control import CONTROL
@@ -201,6 +202,8 @@ BAD: list[tuple[str, Any, str]] = [
     ("planner.initial_variance", 0.0, "greater than 0"),
     ("planner.momentum", 1, "less than 1"),
     ("planner.learning_rate", 0.1, "not a known key"),
+    ("agent.kind", "oracle", "'planner' or 'random' or 'straight'"),
+    ("agent.slow_distance", 0.3, "not a known key"),
     ("control.num_steps", 0, "greater than 0"),
     ("control.runs_per_member", 0, "greater than 0"),
     ("control.beta", -1.0, "greater than or equal to 0"),
@@ -264,15 +267,19 @@ NEUTRAL = {"report": {"x", "color"}}
 
 
 def test_every_missing_key_is_named(values: Values) -> None:
-    """Nothing has a default in the code."""
+    """Nothing has a default in the code, but for the agent, which configurations did not have at first."""
     for group in [key for key, value in values.items() if isinstance(value, dict) and key != "sweep"]:
         for key in set(values[group]) - NEUTRAL.get(group, set()):
             lacking = {**values, group: {other: value for other, value in values[group].items() if other != key}}
             with pytest.raises(ConfigError, match=key):
                 Config.checked(lacking, "the test")
     for key in values:
+        lacking = {other: value for other, value in values.items() if other != key}
+        if key == "agent":
+            assert Config.checked(lacking, "the test") == checked(values)
+            continue
         with pytest.raises(ConfigError, match=rf"{key} is missing; add the key"):
-            Config.checked({other: value for other, value in values.items() if other != key}, "the test")
+            Config.checked(lacking, "the test")
 
 
 def test_several_bad_values_are_all_named_each_with_its_file() -> None:
@@ -378,6 +385,9 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("lookup.differentiable", True, "control"),
     ("planner.num_iterations", 3, "control"),
     ("planner.momentum", 0.2, "control"),
+    ("agent", {"kind": "planner"}, ""),
+    ("agent", {"kind": "random"}, "control"),
+    ("agent", {"kind": "straight", "foresight": 8, "slow_distance": 0.3}, "control"),
     ("training.accelerator", "gpu", ""),
     ("control.device", "cuda", ""),
     ("threads", 4, ""),
@@ -496,8 +506,11 @@ def test_seeds_planners_and_labels() -> None:
     assert list(config.seeds) == [7, 8, 9]
     assert isinstance(config.planner, GradientPlanner)
     assert label(config) == "original, context size 5, gradient, map of 0.02 u"
+    (config,) = sweep.jobs(["agent=straight", "model.context_size=5"])
+    assert isinstance(config.agent, StraightAgent) and config.controller == "straight"
+    assert label(config) == "original, context size 5, straight, map of 0.02 u"
     (config,) = sweep.jobs([])
-    assert isinstance(config.planner, CEMPlanner)
+    assert isinstance(config.planner, CEMPlanner) and config.controller == "cem"
     with pytest.raises(Exception, match="frozen"):
         config.members = 3
 

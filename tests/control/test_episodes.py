@@ -58,7 +58,7 @@ def make_agent(seeds: Sequence[int], context_size: int, kind: str, device: str =
 @cache
 def fly(seeds: Sequence[int] = SEEDS, context_size: int = 3, kind: str = "cem") -> tuple[Recorder, Runs]:
     agent = make_agent(seeds, context_size, kind)
-    return agent, control(agent, [LAYOUT], VEHICLE, SETTINGS)
+    return agent, control(agent, [LAYOUT], VEHICLE, SETTINGS, agent.seeds)
 
 
 def replay(runs: Runs, b: int) -> tuple[VehicleEnv, list[tuple]]:
@@ -94,7 +94,7 @@ def test_members_together_are_each_alone(context_size: int, kind: str) -> None:
 def test_a_gpu_does_what_the_cpu_does(context_size: int, kind: str) -> None:
     """The first decisions, which nothing else depends on yet, and the form of everything."""
     agent = make_agent(SEEDS, context_size, kind, "cuda")
-    runs = control(agent, [LAYOUT], VEHICLE, SETTINGS.model_copy(update={"device": "cuda"}))
+    runs = control(agent, [LAYOUT], VEHICLE, SETTINGS.model_copy(update={"device": "cuda"}), SEEDS)
     reference = fly(SEEDS, context_size, kind)[1]
     assert list(runs.table.columns) == list(reference.table.columns)
     for key, values in runs.trajectories.items():
@@ -108,7 +108,7 @@ def test_same_seeds_same_results(context_size: int, kind: str) -> None:
     """Bit for bit, whatever torch's and NumPy's global generators do."""
     first = fly(SEEDS, context_size, kind)[1]
     torch.rand(3), np.random.default_rng().random()
-    second = control(make_agent(SEEDS, context_size, kind), [LAYOUT], VEHICLE, SETTINGS)
+    second = control(make_agent(SEEDS, context_size, kind), [LAYOUT], VEHICLE, SETTINGS, SEEDS)
     pd.testing.assert_frame_equal(first.table, second.table, check_exact=True)
     for key, values in first.trajectories.items():
         np.testing.assert_array_equal(values, second.trajectories[key], err_msg=key)
@@ -213,7 +213,7 @@ def test_actions_and_plans_are_those_decided(context_size: int, kind: str) -> No
 def test_steps_are_reported_as_they_are_done() -> None:
     """For whoever shows the progress."""
     steps: list[int] = []
-    control(make_agent((4,), 0, "cem"), [LAYOUT], VEHICLE, SETTINGS, steps.append)
+    control(make_agent((4,), 0, "cem"), [LAYOUT], VEHICLE, SETTINGS, (4,), steps.append)
     assert steps == [*range(1, T + 1)]
 
 
@@ -286,11 +286,12 @@ def test_each_run_in_a_world_of_its_own_is_the_run_alone_in_that_world() -> None
     model = Stack(ModelSettings.load("model", "default", context_size=3), 1, SEEDS)
     for kind in ("map", "exact"):
         lookup = make_lookup(LookupSettings.load("lookup", kind), model, [layout.map for layout in layouts])
-        together = control(Agent(model, lookup, PLANNERS["cem"], settings), layouts, VEHICLE, settings)
+        together = control(Agent(model, lookup, PLANNERS["cem"], settings), layouts, VEHICLE, settings, SEEDS)
         for number, (seed, run) in enumerate((seed, run) for seed in SEEDS for run in range(2)):
             one = model.select([SEEDS.index(seed)])
             alone_lookup = make_lookup(LookupSettings.load("lookup", kind), one, [layouts[number].map])
-            alone = control(Agent(one, alone_lookup, PLANNERS["cem"], settings), [layouts[number]], VEHICLE, settings)
+            agent = Agent(one, alone_lookup, PLANNERS["cem"], settings)
+            alone = control(agent, [layouts[number]], VEHICLE, settings, one.seeds)
             for key in ("position", "prediction_error", "planned_position"):
                 found, expected = together.trajectories[key][number], alone.trajectories[key][run]
                 np.testing.assert_allclose(found, expected, atol=2e-3, err_msg=f"{kind} {key}")

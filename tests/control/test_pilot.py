@@ -18,7 +18,7 @@ def test_a_pilot_flies_as_an_agent_among_others(planner: str) -> None:
     """`control` with the same seeds: actions and expected paths, through Gymnasium's own interface."""
     agent = affmap.load("exp1", members=(4,), planner=planner)
     settings = agent.settings.model_copy(update={"num_steps": 12})
-    runs = control(agent.elsewhere([LAYOUT.map]), [LAYOUT], Vehicle.load("vehicle", "default"), settings)
+    runs = control(agent.elsewhere([LAYOUT.map]), [LAYOUT], Vehicle.load("vehicle", "default"), settings, agent.seeds)
     env = gymnasium.make("affmap/Vehicle-v0", layout=LAYOUT)
     observation, _ = env.reset(seed=integer(4, "start and goal", 0), options={"corner": 0})
     pilot = Pilot(agent, LAYOUT, seed=4)

@@ -52,6 +52,17 @@ def row(table: pd.DataFrame, metric: str) -> pd.Series:
     return table.set_index("metric").loc[metric]
 
 
+def test_agents_that_predict_nothing_are_compared_by_what_they_did() -> None:
+    """The prediction error has no numbers, the distance those of the construction; and agents are no other planners."""
+    agents = runs(0.1).rename(columns={"lookup_spacing": "agent"}).replace({"agent": {0.0: "random", 0.01: "straight"}})
+    agents = agents.assign(planner=agents["agent"], prediction_error=np.nan)
+    table = comparison.compare(agents, "agent")
+    error, distance = row(table, "prediction_error"), row(table, "mean_distance")
+    assert np.isnan(error["difference"]) and error[["low", "high"]].isna().all() and error["verdict"] == "not decided"
+    assert (distance["a"], distance["b"], distance["verdict"]) == ("random", "straight", "different")
+    assert distance["difference"] == pytest.approx(0.1, abs=1e-3)
+
+
 @pytest.mark.parametrize(("shift", "verdict"), [(0.0, "same"), (0.02, "same"), (0.1, "different")])
 def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) -> None:
     """By construction: the second value minus the first is `shift`, up to the noise of 0.001."""

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
 from stage_files import make_world
 
 from affmap.env.geometry import reachable
@@ -67,6 +68,22 @@ def test_box_plots_are_the_papers() -> None:
     assert (box.min(), box.max()) == (3.0, 7.0)
     drawn = np.concatenate([np.asarray(line.get_ydata()) for line in ax.lines])
     assert set(drawn) == {1.0, 3.0, 5.0, 7.0, 8.0}, "whisker ends, quartiles and the median, no outlier"
+
+
+def test_a_panel_of_agents_that_predict_nothing_says_so() -> None:
+    """Its only words, instead of boxes and lines; beside others they have a name and no box."""
+    runs = pd.DataFrame({"context_size": [0, 0, 0], "planner": "random", "prediction_error": np.nan})
+    groups = Groups("planner", {"cem": "EB", "random": "random"}, {"EB": "#0072B2", "random": "#44AA99"})
+    ax = numbers.boxes(Figure().subplots(), runs, "prediction_error", groups, (-12.0, -8.0))
+    assert [text.get_text() for text in ax.texts] == ["no prediction error:\nnothing was predicted"]
+    assert not ax.patches and not ax.lines
+    steps = runs.assign(overlapped=[0, 1, 1])
+    ax = numbers.step_errors(Figure().subplots(), steps)
+    assert [text.get_text() for text in ax.texts] == ["no step error:\nnothing was predicted"] and not ax.lines
+    both = pd.concat([runs, runs.assign(planner="cem", prediction_error=[-9.0, -8.0, -7.0])], ignore_index=True)
+    ax = numbers.boxes(Figure().subplots(), both, "prediction_error", groups)
+    assert sum(isinstance(patch, PathPatch) for patch in ax.patches) == 1 and not ax.texts
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["EB", "random"]
 
 
 def test_bars_are_means_and_standard_deviations_over_members() -> None:

@@ -29,8 +29,12 @@ COMPARED = ("validation_nll", "prediction_error", "mean_distance", "reached", "s
 WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
 """What the verdict on being the same is called here."""
 
-COLUMNS = {"planner": "planner.kind", "layout": LAYOUT.key, "context_size": CONTEXT_SIZE.key}
-"""Column of the runs that tells settings apart -> the key of the configuration that it comes from."""
+COLUMNS = {
+    "planner": ("planner.kind", "agent.kind", "agent"),
+    "layout": (LAYOUT.key,),
+    "context_size": (CONTEXT_SIZE.key,),
+}
+"""Column of the runs that tells settings apart -> the keys of the configuration that it comes from."""
 
 
 @dataclass(frozen=True)
@@ -138,9 +142,9 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
 
     Returns:
         One row per comparison: means and medians over runs of either value, the mean difference (other minus first)
-        with its 95 % bootstrap interval over members (none with fewer than 5), the margin, and the verdict. Layouts
-        have a column where there are several that are not what is compared; success has rows where it is not the same
-        as having reached the goal, and the validation loss where models differ.
+        with its 95 % bootstrap interval over members (none with fewer than 5, or where one lacks a number), the margin,
+        and the verdict. Layouts have a column where there are several that are not what is compared; success has rows
+        where it is not the same as having reached the goal, and the validation loss where models differ.
 
     Raises:
         ConfigError: the key has a single value.
@@ -149,7 +153,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
     first, *others = runs[factor].unique()
     if not others:
         raise ConfigError(f"the runs have one value of {key!r}, {_shown(first)}; there is nothing to compare it with")
-    settings = [column for column, source in COLUMNS.items() if source != key]
+    settings = [column for column, sources in COLUMNS.items() if key not in sources]
     if "layout" in settings and runs["layout"].nunique() == 1:
         settings.remove("layout")
     redundant = {"success"} if (runs["success"] == runs["reached"]).all() else set()
@@ -164,7 +168,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
             medians = group.astype({metric: float}).groupby(factor)[metric].median()
             for other in others:
                 difference = scores[other] - scores[first]
-                enough = len(difference) >= statistics.MIN_MEMBERS
+                enough = len(difference) >= statistics.MIN_MEMBERS and difference.notna().all()
                 low, high = statistics.interval(difference) if enough else (None, None)
                 rows.append(
                     {

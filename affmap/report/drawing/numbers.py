@@ -100,6 +100,8 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
         groups: what colours tell apart.
         paper: see `Span`.
     """
+    if runs[metric].isna().all():  # seaborn needs a number
+        return _unpredicted(ax, METRICS[metric].name)
     _mark(ax, paper)
     with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed
         warnings.filterwarnings("ignore", "vert: bool", DeprecationWarning)
@@ -194,6 +196,8 @@ def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes
         x: the factor that curves tell apart.
     """
     medians = steps.groupby([x.column, "overlapped"], sort=False)["prediction_error"].median().sort_index(level=1)
+    if len(medians) and medians.isna().all():
+        return _unpredicted(ax, "step error")
     for value, color in x_colors(x, steps[x.column].unique()).items():
         curve = medians[value]
         ax.plot(curve.index, curve, marker=".", ms=4, lw=1, color=color, label=x.format(value))
@@ -216,6 +220,13 @@ def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Ma
         bottom += heights
     ax.set_xticks(range(len(table)), [str(size) for size in table.index])
     ax.set(xlabel=x.label, ylabel="share of runs", ylim=(0.0, 1.0))
+    return ax
+
+
+def _unpredicted(ax: Axes, name: str) -> Axes:
+    """Say that a panel is empty because the agents predict nothing."""
+    ax.text(0.5, 0.5, f"no {name}:\nnothing was predicted", ha="center", va="center", transform=ax.transAxes)
+    ax.set(xticks=[], yticks=[])
     return ax
 
 

@@ -1,0 +1,29 @@
+"""Random throttles: what is reached by chance."""
+
+from typing import Literal
+
+import numpy as np
+import torch
+
+from affmap.control.controller import Decision, Observation
+from affmap.control.registry import register
+from affmap.planning.planner import Generators
+from affmap.settings import Settings
+
+
+@register
+class RandomAgent(Settings):
+    """Opens every throttle at random, uniformly between 0 and 1 and anew at every step (`conf/agent/random.yaml`).
+
+    It has no model, and predicts nothing.
+    """
+
+    kind: Literal["random"]
+
+    def initial(self, num_problems: int) -> None:
+        """Return no state: nothing is remembered."""
+
+    def act(self, observation: Observation, state: None, generators: Generators) -> tuple[Decision, None]:
+        """Draw the actions of each vehicle from its own generator; see `Controller.act`."""
+        drawn = np.stack([generator.random(4, np.float32) for generator in generators])
+        return Decision.without_prediction(torch.from_numpy(drawn).to(observation.position.device)), None

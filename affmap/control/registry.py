@@ -1,0 +1,34 @@
+"""The agents that a configuration can name: those of this folder, and whatever else is registered."""
+
+from typing import Annotated, Literal, Protocol
+
+from pydantic import PlainValidator
+
+from affmap.control.controller import Controller
+from affmap.settings import Settings
+from affmap.settings.registry import Registry
+
+_registry = Registry("affmap.control")
+
+register = _registry.register
+
+
+class ConfiguredController(Controller, Protocol):
+    """A controller whose settings are a file of `conf/agent`."""
+
+    kind: str
+    """Its name in configurations and tables."""
+
+
+@register
+class AgentSettings(Settings):
+    """A model-predictive `Agent` (`conf/agent/planner.yaml`), made of the groups `model`, `lookup` and `planner`."""
+
+    kind: Literal["planner"]
+
+
+AnyAgent = Annotated[AgentSettings | ConfiguredController, PlainValidator(_registry.choose)]
+"""A file of `conf/agent`; its `kind` tells which."""
+
+PLANNER = AgentSettings(kind="planner")
+"""The agent of all configurations that were written before there were others."""

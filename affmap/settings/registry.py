@@ -1,0 +1,55 @@
+"""Settings of several kinds that a configuration chooses from by their key `kind`."""
+
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Annotated, Any, TypeVar, Union
+
+from pydantic import Field, TypeAdapter
+
+from affmap.settings.base import Settings
+
+S = TypeVar("S", bound=Settings)
+
+
+class Registry:
+    """Kinds of settings: those of a folder of the package, and whatever else is registered."""
+
+    def __init__(self, package: str) -> None:
+        """Begin with none; every module of `package` is loaded before a choice is made."""
+        self._package = package
+        self._registered: list[type[Settings]] = []
+
+    def register(self, settings: type[S]) -> type[S]:
+        """Make a class known to configurations, by the value of its field `kind`; to be put above the class.
+
+        Every module of the folder is loaded before a configuration is checked; a class elsewhere is known once its
+        module has been imported.
+
+        Raises:
+            ValueError: it has no field `kind`, or another class has this kind.
+        """
+        if "kind" not in settings.model_fields:
+            raise ValueError(f"{settings.__name__} has no field kind; give it one, such as kind: Literal['mine'].")
+        known = [each for each in self._registered if each.__qualname__ != settings.__qualname__]  # defined anew
+        if clash := [each.__name__ for each in known if _kinds(each) & _kinds(settings)]:
+            raise ValueError(f"{settings.__name__} has the kind of {clash[0]}; give it one of its own.")
+        self._registered[:] = [*known, settings]
+        return settings
+
+    def choose(self, values: Any) -> Any:
+        """The settings of plain values, by their `kind`."""
+        for module in iter_modules(import_module(self._package).__path__):
+            import_module(f"{self._package}.{module.name}")
+        return _adapter(*sorted(self._registered, key=lambda each: sorted(_kinds(each)))).validate_python(values)
+
+
+def _kinds(settings: type[Settings]) -> set[str]:
+    return {*settings.model_fields["kind"].annotation.__args__}  # type: ignore[union-attr]
+
+
+@cache
+def _adapter(*kinds: type[Settings]) -> TypeAdapter[Any]:
+    union: Any = Union[kinds]  # noqa: UP007
+    chosen: Any = Annotated[union, Field(discriminator="kind")] if len(kinds) > 1 else union
+    return TypeAdapter(chosen)

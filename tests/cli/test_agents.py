@@ -1,0 +1,83 @@
+"""Agents of several kinds in one sweep and one report, at the tiniest scale."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from commands import in_process, jobs, line
+
+from affmap import pipeline
+
+AGENTS = ["agent=planner,random,straight", "model.context_size=1"]
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The three agents with one model, flown and reported."""
+    folder, threads = tmp_path_factory.mktemp("agents"), torch.get_num_threads()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert in_process(patch, "affmap", ["-m", *line(folder, *AGENTS)]) == 0
+        assert in_process(patch, "affmap-report", line(folder, *AGENTS)) == 0
+    torch.set_num_threads(threads)  # `run` sets the number of threads of its process
+    return folder
+
+
+def test_agents_share_everything_but_control(swept: Path) -> None:
+    """One data set, training and map; a folder for each job, that of a planner named as before there were agents."""
+    made = [path.parent.name for path in (swept / "store").glob("*/*") if path.is_dir()]
+    assert {name: made.count(name) for name in made} == {"data": 1, "train": 1, "map": 1, "control": 3}
+    folders = {path.name for path in (swept / "output/jobs").iterdir() if path.is_dir()}
+    assert folders == {"0_context1_cem", "1_context1_random", "2_context1_straight"}
+
+
+def test_the_default_agent_is_in_no_stage_s_configuration(swept: Path) -> None:
+    """So that stages that were made before there were agents are found; others have theirs."""
+    found = []
+    for config in jobs(swept, *AGENTS):
+        job = pipeline.find(config)
+        assert job is not None
+        found.append(json.loads((job.control[0] / "provenance.json").read_text())["config"].get("agent"))
+    assert found == [None, {"kind": "random"}, {"kind": "straight", "foresight": 8.0, "slow_distance": 0.3}]
+
+
+def test_the_tables_tell_agents_apart(swept: Path) -> None:
+    """On the same starts and goals; who predicts nothing has empty cells, and nothing else is lacking."""
+    runs = pd.read_csv(swept / "output/tables/runs.csv")
+    assert runs.groupby("planner").size().to_dict() == {"cem": 8, "random": 8, "straight": 8}
+    starts = runs.pivot(index=["member", "run"], columns="planner", values=["start_x", "start_y", "goal_x", "goal_y"])
+    for key in ("start_x", "start_y", "goal_x", "goal_y"):
+        assert (starts[key].nunique(axis=1) == 1).all()
+    lacking = runs.groupby("planner")["prediction_error"].apply(lambda errors: errors.isna().mean())
+    assert lacking.to_dict() == {"cem": 0.0, "random": 1.0, "straight": 1.0}
+    assert not runs.drop(columns=["prediction_error", "steps_to_reach"]).isna().any(axis=None)
+    medians = pd.read_csv(swept / "output/tables/medians.csv").set_index(["metric", "planner"])["center"]
+    assert np.isnan(medians["prediction_error", "straight"]) and medians["mean_distance", "straight"] > 0
+
+
+def test_the_report_shows_all_of_them(swept: Path) -> None:
+    """All figures; runs of each agent to be played; no sentence about what nobody predicted."""
+    figures = {path.stem for path in (swept / "output/figures").glob("*.png")}
+    assert {"results", "trajectories", "maps", "world", "exploration", "outcomes"} <= figures
+    page = (swept / "output/report.html").read_text("utf-8")
+    for name in ("EB", "random", "straight"):
+        assert f'"original", "{name}", "1", "run 0 of member 0"' in page
+    assert "Median prediction error (EB)" in page and "Median prediction error (random)" not in page
+
+
+def test_a_report_of_agents_without_a_model_is_drawn(swept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With fog, which has a figure of failures, and a world for each run, where that has errors of steps."""
+    monkeypatch.chdir(swept)
+    overrides = [
+        *("agent=random,straight", "world=training_fog", "control_layout=procedural_easy", "model.context_size=0"),
+        f"output={swept / 'without'}",
+    ]
+    arguments = [*line(swept)[:-1], *overrides]
+    assert in_process(monkeypatch, "affmap", ["-m", *arguments]) == 0
+    assert in_process(monkeypatch, "affmap-report", arguments) == 0
+    assert (swept / "without/figures/failures.png").is_file()
+    page = (swept / "without/report.html").read_text("utf-8")
+    assert "One moment of a run by “random”" in page
