@@ -120,12 +120,16 @@ def _trajectories(results: Results, settings: ReportSettings) -> str:
             )
     noise = " Inside fog a plan starts at the noisy position that the vehicle reports." if fog else ""
     planner = results.planners[0]
+    circles = (
+        f" Blue circles: {NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
+        if results.runs["prediction_error"].notna().any()
+        else ""
+    )
     kind = f"with {PLANNERS[planner].method} planning" if planner in PLANNERS else f"by “{planner}”"
     paper = "As the paper's Figure 5. " if settings.claims == "exp1" else ""
     return (
         f"{paper}One moment of a run {kind}. Shown are not the best runs but, by a rule: "
-        f"{examples.example_rule(results)}. {'; '.join(stories)}. Blue circles: {NUM_DEVIATIONS} standard deviations "
-        f"of the predicted positions along the plan. Numbers are those of whole runs.{noise}"
+        f"{examples.example_rule(results)}. {'; '.join(stories)}.{circles} Numbers are those of whole runs.{noise}"
     )
 
 

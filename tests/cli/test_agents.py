@@ -81,3 +81,16 @@ def test_a_report_of_agents_without_a_model_is_drawn(swept: Path, monkeypatch: p
     assert (swept / "without/figures/failures.png").is_file()
     page = (swept / "without/report.html").read_text("utf-8")
     assert "One moment of a run by “random”" in page
+
+
+def test_agents_can_be_compared_one_with_the_other(swept: Path, tmp_path: Path) -> None:
+    """The default agent among them, whose key is in no stage; differences by hand from the table of runs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(swept)
+        asked = [*line(swept, *AGENTS), "report.compare=agent", f"output={tmp_path / 'compared'}"]
+        assert in_process(patch, "affmap-report", asked) == 0
+    table = pd.read_csv(tmp_path / "compared/tables/agent.csv").query("metric == 'mean_distance'").set_index("b")
+    means = pd.read_csv(swept / "output/tables/runs.csv").groupby("planner")["mean_distance"].mean()
+    assert set(table["a"]) == {"planner"} and set(table.index) == {"random", "straight"}
+    for agent, difference in table["difference"].items():
+        assert difference == pytest.approx(means[agent] - means["cem"])

@@ -103,11 +103,14 @@ def _with_loss(job: Setting) -> pd.DataFrame:
 def value_of(job: Setting, key: str) -> Any:
     """The value of a dotted key in the configuration of a job's control; of a group with a name, its name.
 
+    A key at its neutral value is in no stage; its value is that which the sweep has set.
+
     Raises:
         ConfigError: there is no such key.
     """
     values = _values(job)
-    found = next((values[known] for known in (key, f"{key}.name", f"{key}.kind") if known in values), None)
+    known = (each for each in (key, f"{key}.name", f"{key}.kind") if each in values)
+    found = next((values[each] for each in known), job.values.get(key))
     if found is None:
         raise ConfigError(
             f"report.compare is {key!r}, which runs of control do not depend on; they do on {sorted(values)}"

@@ -169,13 +169,16 @@ def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Layo
     color = PLAN_COLOR
     ax.plot(*past.T, color="black", lw=1.3, zorder=4, label="past path")
     ax.plot(*past[0], "s", color="black", ms=4, ls="", zorder=4, label="start")
-    ax.plot(*plan.T, color=color, lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
-    for mean, (width, height) in zip(plan[1:], 2 * NUM_DEVIATIONS * deviation, strict=True):
-        ax.add_patch(Ellipse(mean, width, height, fill=False, ec=color, lw=0.5, alpha=0.4, zorder=3))
+    planned = bool(np.isfinite(plan).all())  # an agent without a model predicts nothing
+    if planned:
+        ax.plot(*plan.T, color=color, lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
+        for mean, (width, height) in zip(plan[1:], 2 * NUM_DEVIATIONS * deviation, strict=True):
+            ax.add_patch(Ellipse(mean, width, height, fill=False, ec=color, lw=0.5, alpha=0.4, zorder=3))
     ax.add_patch(Disc(past[-1], radius, color=VEHICLE_COLOR, lw=0, zorder=6))
     ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=7, mew=2.0, ls="", zorder=7, label="goal")
     # Empty lines for the legend, where a patch would be a rectangle.
-    ax.plot([], [], "o", mfc="none", mec=color, mew=0.6, label=f"uncertainty ({NUM_DEVIATIONS} sd)")
+    if planned:
+        ax.plot([], [], "o", mfc="none", mec=color, mew=0.6, label=f"uncertainty ({NUM_DEVIATIONS} sd)")
     ax.plot([], [], "o", color=VEHICLE_COLOR, label="vehicle")
     return arena(ax, world)
 
