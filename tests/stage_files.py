@@ -16,6 +16,8 @@ import pandas as pd
 import yaml
 
 from affmap.env.layout import Circle, Layout
+from affmap.results import files
+from affmap.results.files import Maps, Trajectories
 from affmap.results.setting import Setting
 
 LAYOUTS = Path(__file__).parents[1] / "conf" / "layout"
@@ -181,7 +183,8 @@ def _coverage(folder: Path, num_worlds: int) -> None:
     counts = np.where(free, rng.geometric(0.01, size=free.shape), 0)
     counts[:, 5, 4] = 0
     share = [(visits > 0)[open_].mean() for visits, open_ in zip(counts, free, strict=True)]
-    np.savez(folder / "coverage.npz", counts=counts, free=free, coverage=np.array(share))
+    parts = zip(counts, free, np.array(share), strict=True)
+    files.write_coverage(folder, [dict(zip(("counts", "free", "coverage"), part, strict=True)) for part in parts])
 
 
 def _validation(folder: Path, layouts: Sequence[str], size: int, members: int, epochs: int) -> None:
@@ -195,7 +198,7 @@ def _validation(folder: Path, layouts: Sequence[str], size: int, members: int, e
         "training_nll": losses.ravel() - 0.1,
         "validation_nll": losses.ravel(),
     }
-    pd.DataFrame(rows).to_csv(folder / "validation.csv", index=False)
+    files.write_validation(folder, pd.DataFrame(rows))
 
 
 def _maps(folder: Path, layout: str, size: int, members: int, snapshots: Sequence[int]) -> None:
@@ -203,8 +206,7 @@ def _maps(folder: Path, layout: str, size: int, members: int, snapshots: Sequenc
     codes = np.stack([_codes(layout, size, member) for member in range(members)])
     kept = [[_codes(layout, size, member, looks=1 / epoch) for member in range(members)] for epoch in snapshots]
     untrained = np.random.default_rng(5).normal(size=codes.shape)  # codes that say nothing of the place
-    np.savez(
-        folder / "maps.npz",
+    maps = Maps(
         codes=codes,
         initial_codes=untrained.astype(np.float32),
         snapshot_codes=np.array(kept, np.float32).reshape(len(snapshots), *codes.shape),
@@ -213,6 +215,7 @@ def _maps(folder: Path, layout: str, size: int, members: int, snapshots: Sequenc
         y=Y,
         member=np.arange(members),
     )
+    files.write_maps(folder, maps)
 
 
 def _codes(layout: str, size: int, member: int, looks: float = 0.0) -> np.ndarray:
@@ -252,8 +255,8 @@ def _control(folder: Path, layout: str, size: int, rank: int, planner: str, memb
     distance += FARTHER.get(layout, 0.0)
     reached, fog = _outcomes(layout, rank, member, run, rng)
     hard = layout == "procedural_hard"
-    table = pd.DataFrame({"layout": layout, "planner": planner, "lookup_spacing": 0.02}, range(count))
-    table = table.assign(context_size=size, member=member, run=run)
+    setting = {"layout": layout, "planner": planner, "lookup_spacing": 0.02, "context_size": size}
+    table = pd.DataFrame({"member": member, "run": run})
     table[["start_x", "start_y"]], table[["goal_x", "goal_y"]] = start, goal
     table["prediction_error"] = -8.0 + 1.5 * hard - 0.6 * np.sqrt(size) + rng.normal(0, 0.3, count)
     table["mean_distance"] = distance + rng.gamma(2.0, 0.02, count)
@@ -264,10 +267,8 @@ def _control(folder: Path, layout: str, size: int, rank: int, planner: str, memb
     table["steps_touching"] = rng.poisson(40 / (1 + size), count)
     table["steps_in_fog"] = np.where(fog, 3, 0)
     table["final_spread"] = np.where(reached, 0.3, 0.01)
-    table["crossable"] = ~(hard & (run == 3))
-    table["lookup_error"] = 0.01
-    table.to_csv(folder / "runs.csv", index=False)
-    (folder / "layouts.json").write_text(json.dumps([_flown(layout, number) for number in range(count)]))
+    files.write_runs(folder, setting, table, [~(hard & (run == 3)), np.full(count, 0.01)])
+    files.write_layouts(folder, [Layout.model_validate(_flown(layout, number)) for number in range(count)])
     _trajectories(folder, table, steps)
 
 
@@ -312,8 +313,7 @@ def _trajectories(folder: Path, table: pd.DataFrame, steps: int) -> None:
     plans = np.stack([path[:, t + 1 : t + 1 + HORIZON] for t in range(steps)], axis=1)
     deviation = np.broadcast_to(0.02 * np.sqrt(np.arange(1, HORIZON + 1))[:, None], plans.shape)
     arrival = table["steps_to_reach"].fillna(steps + 1).to_numpy(int)
-    np.savez(
-        folder / "trajectories.npz",
+    paths = Trajectories(
         position=path[:, : steps + 1].astype(np.float32),
         goal=goal,
         planned_position=plans.astype(np.float32),
@@ -323,6 +323,7 @@ def _trajectories(folder: Path, table: pd.DataFrame, steps: int) -> None:
         touching=np.arange(steps) < table["steps_touching"].to_numpy()[:, None],
         in_fog=np.arange(steps) < table["steps_in_fog"].to_numpy()[:, None],
         reached=np.arange(1, steps + 1) >= arrival[:, None],
-        member=table["member"],
-        run=table["run"],
+        member=table["member"].to_numpy(),
+        run=table["run"].to_numpy(),
     )
+    files.write_trajectories(folder, paths._asdict())

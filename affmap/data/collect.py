@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import model_validator
 
 from affmap.env.body import Vehicle
+from affmap.env.geometry import CELL
 from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
@@ -120,7 +121,7 @@ def free_position(layout: Layout, vehicle: Vehicle, rng: np.random.Generator) ->
     return free[0]
 
 
-def coverage(layout: Layout, vehicle: Vehicle, positions: np.ndarray, cell: float = 0.1) -> dict[str, np.ndarray]:
+def coverage(layout: Layout, vehicle: Vehicle, positions: np.ndarray, cell: float = CELL) -> dict[str, np.ndarray]:
     """How well `positions` `[..., 2]` (u) cover a world.
 
     Returns:

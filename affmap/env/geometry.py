@@ -24,8 +24,11 @@ EPSILON = 1e-6  # u; nodes are float sums of a spacing, comparisons with borders
 DIRECTIONS: dict[str, tuple[int, float]] = {"left": (0, -1.0), "right": (0, 1.0), "lower": (1, -1.0), "upper": (1, 1.0)}
 """Side -> its axis and the sign of its outward direction, seen from the centre of a circle or of the arena."""
 
+CELL = 0.1
+"""Side of the cells in which visits are counted, u."""
+
 STEP = 0.01
-"""Grid spacing, u."""
+"""Spacing of the grid on which a way is searched, u."""
 
 
 def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndarray) -> bool:

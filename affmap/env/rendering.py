@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import pygame
 
-from affmap.env.body import THROTTLES, Vehicle
+from affmap.env.body import JET, NUM_DEVIATIONS, THROTTLES, Vehicle
 from affmap.env.effects import EFFECTS
 from affmap.env.layout import Layout
 
 PIXELS_PER_UNIT = 200
-NUM_DEVIATIONS = 3
-"""Radius of the circles along a planned path, in standard deviations; as in reports."""
 
 WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 VEHICLE, THROTTLE, GOAL, PLAN = (0, 140, 70), (30, 90, 220), (220, 40, 40), (30, 30, 30)
@@ -76,7 +74,7 @@ class Canvas:
         for direction, opening in zip(THROTTLES, scene.action, strict=True):
             # The jet leaves on the side opposite to where it pushes.
             rim = scene.position - direction * self._vehicle.radius
-            end = rim - direction * 0.12 * opening
+            end = rim - direction * JET * opening
             width = max(1, round(0.025 * self._scale))
             pygame.draw.line(self.surface, THROTTLE, self._pixel(rim), self._pixel(end), width)
         self._disc(VEHICLE, scene.position, self._vehicle.radius)

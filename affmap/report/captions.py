@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from affmap.report.drawing.arena import CELL, NUM_DEVIATIONS
+from affmap.env.body import NUM_DEVIATIONS
+from affmap.env.geometry import CELL
 from affmap.report.drawing.colors import make_groups, readable
 from affmap.report.figures import pictures
 from affmap.report.figures.numbers import shown_outcomes

@@ -1,4 +1,4 @@
-"""Arrays as short texts, for the page, whose `page/parts.js` unpacks them: what is only shown needs few digits (leaf).
+"""Arrays as short texts, for the page, whose `player/parts.js` unpacks them: what is only shown needs few digits.
 
 All is little endian, in the order of rows, and base64.
 """

@@ -33,7 +33,7 @@ class Exploration(NamedTuple):
     """Places that the data set has been to, in each of W training layouts."""
 
     counts: NDArray[np.integer]
-    """`[W, Y, X]` recorded steps in each cell of 0.1 u."""
+    """`[W, Y, X]` recorded steps in each cell of side `affmap.env.geometry.CELL`."""
     free: NDArray[np.bool_]
     """`[W, Y, X]`: can the vehicle's centre be at the cell's centre?"""
     coverage: Floats

@@ -49,6 +49,7 @@ class Factor(NamedTuple):
     def format(self, value: Value) -> str:
         """A value with its symbol, as in C = 8."""
         text = f"{value:g}" if isinstance(value, float) else str(value)
+        text = text.lower() if isinstance(value, bool) else text  # as in YAML
         return f"{self.symbol} = {text}" if self.symbol else text.replace("_", " ")
 
 

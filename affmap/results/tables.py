@@ -104,7 +104,7 @@ class Results:
     def _known(self, key: str | None, name: str) -> str | None:
         if key is not None and key not in self.settings[0].values:
             raise ConfigError(
-                f"{name} = {key!r} is not among the keys that vary: {', '.join(self.settings[0].values)}."
+                f"{name} = {key!r} is not a key of this sweep; its keys are: {', '.join(self.settings[0].values)}."
             )
         return key
 

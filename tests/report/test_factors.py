@@ -66,7 +66,7 @@ def test_the_factors_can_be_chosen(
     assert report(swept, tmp_path / "turned", monkeypatch, *chosen) == 0, capsys.readouterr().err
     assert "beta = 10" in (tmp_path / "turned/report.html").read_text("utf-8")
     assert report(swept, tmp_path / "wrong", monkeypatch, "report.x=control.goal_radius") == 2
-    assert "report.x = 'control.goal_radius' is not among the keys that vary" in capsys.readouterr().err
+    assert "report.x = 'control.goal_radius' is not a key of this sweep" in capsys.readouterr().err
 
 
 def test_factors_follow_from_the_sweep(swept: Path, tmp_path: Path) -> None:

@@ -13,20 +13,15 @@ from matplotlib.colors import LogNorm
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Patch, Rectangle
 
+from affmap.env.body import NUM_DEVIATIONS
 from affmap.env.effects import EFFECTS
-from affmap.env.geometry import reachable
+from affmap.env.geometry import CELL, reachable
 from affmap.env.layout import Layout
 from affmap.model.palette import Palette
 from affmap.report.drawing.colors import PLAN_COLOR
 from affmap.results.files import Floats, Maps, Trajectories
 
 VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
-
-NUM_DEVIATIONS = 3
-"""Radius of the circles of predicted uncertainty, in standard deviations."""
-
-CELL = 0.1
-"""u, side of the cells of heat maps."""
 
 FEW = 50
 """Positions; so few say more one by one than as a heat map."""

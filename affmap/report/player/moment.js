@@ -1,8 +1,6 @@
 // The picture of one moment of a run, in the colours of the report's figures.
 
-const JET = 0.12; // u, of an open throttle
-
-function drawMoment(picture, { colors, throttles, deviations, extent }, run, step) {
+function drawMoment(picture, { colors, throttles, jet, deviations, extent }, run, step) {
   const [x, y] = run.position(step);
   picture.begin(run.world);
   picture.circles(run.world);
@@ -17,9 +15,9 @@ function drawMoment(picture, { colors, throttles, deviations, extent }, run, ste
     drawPlan(picture, lost ? [] : [[x, y]], pairs(run.planned(step)), pairs(run.std(step)), deviations, colors.plan);
     run.action(step).forEach((opening, index) => {
       // The jet leaves on the side opposite to where it pushes.
-      const ends = [run.world.radius, run.world.radius + JET * opening];
-      const jet = ends.map((away) => [x - away * throttles[index][0], y - away * throttles[index][1]]);
-      if (opening > 0) picture.line(jet, colors.jet, 4);
+      const ends = [run.world.radius, run.world.radius + jet * opening];
+      const line = ends.map((away) => [x - away * throttles[index][0], y - away * throttles[index][1]]);
+      if (opening > 0) picture.line(line, colors.jet, 4);
     });
   }
   picture.disc(x, y, run.world.radius, colors.vehicle);

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import interpn
 
-from affmap.env.body import THROTTLES
+from affmap.env.body import JET, NUM_DEVIATIONS, THROTTLES
 from affmap.env.effects import EFFECTS
 from affmap.env.layout import Layout
 from affmap.report import blocks
-from affmap.report.drawing.arena import GOAL_COLOR, NUM_DEVIATIONS, VEHICLE_COLOR
+from affmap.report.drawing.arena import GOAL_COLOR, VEHICLE_COLOR
 from affmap.report.drawing.colors import PLAN_COLOR, readable
 from affmap.report.figures.pictures import map_size
 from affmap.report.packing import Packed, pack, pack_bits
@@ -62,6 +62,7 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
         "effects": effects(),
         "colors": COLORS,
         "throttles": THROTTLES.tolist(),
+        "jet": JET,
         "deviations": NUM_DEVIATIONS,
         "extent": EXTENT,
     }
