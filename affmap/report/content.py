@@ -10,7 +10,7 @@ from affmap.results import provenance, scores
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number, p_value, span
-from affmap.results.setting import LAYOUT, PLANNER, PLANNERS, Factor, ReportSettings
+from affmap.results.setting import LAYOUT, PLANNER, Factor, ReportSettings, short_name
 from affmap.results.statistics import LEVEL
 from affmap.results.tables import Results
 
@@ -103,7 +103,7 @@ def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
             centers = [*group.set_index(results.x.column)["shown"].reindex(results.x_values, fill_value=NOTHING)]
         else:  # of trainings that all of the x axis shares
             centers = [first["shown"]] * len(results.x_values)
-        planner = PLANNERS[first["planner"]].short if first["planner"] in PLANNERS else first["planner"] or NOTHING
+        planner = short_name(first["planner"]) or NOTHING
         layout = readable(first["layout"], settings) if first["layout"] else NOTHING
         value = [name_of(own, first[own.column], settings) if first[own.column] != "" else NOTHING] if own else []
         axis = NOTHING

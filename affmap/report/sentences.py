@@ -7,7 +7,7 @@ from affmap.results import provenance
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, listed, number, span
-from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
 from affmap.results.statistics import Outcome, Verdict
 from affmap.results.tables import Results
 
@@ -140,7 +140,7 @@ def setting(results: Results) -> str:
 
 def _planner(kind: str) -> str:
     """A planner with its method."""
-    return f"{PLANNERS[kind].short} ({PLANNERS[kind].method})" if kind in PLANNERS else kind
+    return f"{short_name(kind)} ({PLANNERS[kind].method})" if kind in PLANNERS else kind
 
 
 def _quoted(names: Sequence[str]) -> str:

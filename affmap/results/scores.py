@@ -7,7 +7,7 @@ import pandas as pd
 
 from affmap.results.claims import Claim, Score
 from affmap.results.metrics import METRICS, extra_metrics
-from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, PLANNERS, ReportSettings
+from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, ReportSettings, short_name
 from affmap.results.tables import Results
 
 COLUMNS = (
@@ -78,7 +78,7 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
     places = {layout: place for place, layout in enumerate(["", *results.layouts])}  # in the order of the figures
     ordered = [each.sort_values("layout", key=lambda names: names.map(places), kind="stable") for each in tables]
     table = pd.concat(ordered, ignore_index=True)
-    table["planner"] = table["planner"].replace({kind: planner.short for kind, planner in PLANNERS.items()})
+    table["planner"] = table["planner"].map(short_name)
     axes = table["metric"].map(lambda metric: settings.axes.get(metric, (math.nan, math.nan)))
     table["paper_low"], table["paper_high"] = axes.str[0], axes.str[1]
     inside = table["center"].between(table["paper_low"], table["paper_high"])

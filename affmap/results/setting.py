@@ -10,7 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from affmap.settings import Line, Neutral, Number, Positive, Settings
+from affmap.settings import Line, Neutral, Number, Positive, Settings, read
 
 Value = bool | int | float | str
 
@@ -18,10 +18,8 @@ STAGES = ("data", "train", "map", "control")
 
 
 class PlannerName(NamedTuple):
-    """The names of a planner, and its colour."""
+    """The method of a planner, and its colour."""
 
-    short: str
-    """The paper's abbreviation."""
     method: str
     """In a sentence, before "planning"."""
     color: str
@@ -29,10 +27,16 @@ class PlannerName(NamedTuple):
 
 
 PLANNERS = {
-    "cem": PlannerName("EB", "evolutionary-based", "#0072B2"),
-    "gradient": PlannerName("GB", "gradient-based", "#E69F00"),
+    "cem": PlannerName("evolutionary-based", "#0072B2"),
+    "gradient": PlannerName("gradient-based", "#E69F00"),
 }
-"""Kind of a planner -> its names, in the order of reports; others keep their own name."""
+"""Kind of a planner -> its name, in the order of reports; others keep their own."""
+
+
+def short_name(kind: str) -> str:
+    """The abbreviation of a planner (`conf/report/default.yaml`): the paper's EB and GB, or its kind."""
+    names: Mapping[str, str] = read("report", "default")["names"]
+    return names.get(kind, kind)
 
 
 class Factor(NamedTuple):

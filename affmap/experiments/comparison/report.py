@@ -18,7 +18,7 @@ from affmap.results import provenance, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number
 from affmap.results.provenance import differences, leaves
-from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNERS, Setting
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, Setting, short_name
 from affmap.results.statistics import Verdict
 from affmap.results.tables import Results, read_provenance, read_runs, score_matrix, write_csv, write_runs
 from affmap.settings import ConfigError
@@ -192,7 +192,8 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
                         "verdict": verdict(low, high, METRICS[metric].margin),
                     }
                 )
-    return pd.DataFrame(rows).replace({"planner": {kind: planner.short for kind, planner in PLANNERS.items()}})
+    table = pd.DataFrame(rows)
+    return table.assign(planner=table["planner"].map(short_name)) if "planner" in table else table
 
 
 def verdict(low: float | None, high: float | None, margin: float | None) -> str:

@@ -5,13 +5,13 @@ from functools import partial
 from affmap.experiments import encoding
 from affmap.results import claims
 from affmap.results.claims import Claim, Contrast, Criterion, Pair
-from affmap.results.setting import PLANNERS
+from affmap.results.setting import short_name
 from affmap.results.statistics import Direction, Order
 from affmap.results.tables import Results
 
 
 def _control(results: Results, planner: str, metric: str, direction: Direction) -> list[Criterion]:
-    return [claims.trend(claims.flown(results, planner=planner), metric, direction, PLANNERS[planner].short)]
+    return [claims.trend(claims.flown(results, planner=planner), metric, direction, short_name(planner))]
 
 
 def _without_context(results: Results) -> list[Criterion]:
