@@ -8,7 +8,7 @@ from affmap.cli.app import SweepError, command, flags, read_sweep
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
-from affmap.pipeline.completed import completed, digests
+from affmap.pipeline.completed import all_stages, completed
 from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
@@ -91,7 +91,7 @@ def _report(arguments: list[str]) -> None:
     with locked(lock, f"another command that writes {output}"):
         try:
             report = report_of(asked)
-            manifest.check_output(output, () if isinstance(asked, Search) else digests(asked))
+            manifest.check_output(output, () if isinstance(asked, Search) else all_stages(asked))
             page = build.write(report)
         finally:
             lock.unlink(missing_ok=True)
@@ -134,5 +134,8 @@ def _check_sweep(sweep: Sweep) -> tuple[Path, str, list[str]]:
         for digest, stage in stages.items()
         if stage.state.name != "complete"
     ]
-    manifest.check_output(output, stages)
-    return output, f"{len(stages)} stages", [*problems, *manifest.problems(output)]
+    manifest.check_output(output, all_stages(sweep))
+    problems += manifest.problems(output)
+    if not problems and not manifest.stage_digests(output) <= stages.keys():
+        problems = [f"{output} was made by other versions of the stages' rules; affmap-report makes it anew."]
+    return output, f"{len(stages)} stages", problems

@@ -18,7 +18,7 @@ from affmap.config.root import Config, plain
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
-from affmap.pipeline.completed import digests
+from affmap.pipeline.completed import all_stages
 from affmap.pipeline.job import check_logger, check_models, check_trials, find, is_complete, run, score
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
@@ -84,7 +84,7 @@ def _run_sweep(jobs: Sweep) -> None:
     if growth := jobs.growth():
         _run_sweep(growth)
     first, count = jobs.first, len(jobs.configs)
-    check_output(first.output, digests(jobs))
+    check_output(first.output, all_stages(jobs))
     complete = sum(is_complete(config) for config in jobs.configs)
     print(f"{first.name}: {complete} of {count} settings are complete.", flush=True)
     if complete == count:

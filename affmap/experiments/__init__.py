@@ -11,6 +11,8 @@ from pathlib import Path
 
 from affmap.results.claims import Claim
 
+__all__ = ["PAPER", "claims_about"]
+
 PAPER = tuple(sorted(path.parent.name for path in Path(__file__).parent.glob("*/claims.py")))
 """The experiments of the paper, in its order."""
 

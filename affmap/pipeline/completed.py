@@ -1,6 +1,7 @@
 """The completed part of a sweep, as reports need it."""
 
 import shlex
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from affmap.config.root import Config
@@ -10,6 +11,7 @@ from affmap.results.provenance import leaves
 from affmap.results.setting import PLANNER, Setting, Value
 from affmap.results.tables import join
 from affmap.settings.messages import ConfigError
+from affmap.store.stage import Stage
 
 
 class Completed(NamedTuple):
@@ -39,7 +41,7 @@ def completed(sweep: Sweep) -> Completed:
     complete = [setting for setting in settings if setting]
     if missing and not (sweep.first.report.partial and complete):
         raise ConfigError(f"{sentence}; run `affmap {shlex.join(sweep.overrides)}` first.")
-    return Completed(join(complete), grown, sentence)
+    return Completed(_distinct(join(complete)), grown, sentence)
 
 
 def _values(sweep: Sweep) -> list[dict[str, Value]]:
@@ -52,9 +54,9 @@ def _values(sweep: Sweep) -> list[dict[str, Value]]:
     for key in keys:
         given: list[Value] = [swept[key] for swept in sweep.swept]
         found = [_value(config, key) for config in sweep.configs]
-        values = found if None not in found and len(set(found)) == len(set(given)) else given
+        values: Sequence[Value | None] = found if None not in found and len(set(found)) == len(set(given)) else given
         if key == PLANNER.key and any(config.controller != config.planner.kind for config in sweep.configs):
-            continue  # other agents do without it
+            values = [config.controller for config in sweep.configs]  # some agents do without a planner
         whole = all(isinstance(value, float) and value.is_integer() for value in values)  # 10 is said, and not 10.0
         for each, value in zip(every, values, strict=True):
             assert value is not None
@@ -62,16 +64,27 @@ def _values(sweep: Sweep) -> list[dict[str, Value]]:
     return every
 
 
+def _distinct(settings: Sequence[Setting]) -> tuple[Setting, ...]:
+    """The settings, but those of agents without a planner only once: they fly the same whatever planner is named."""
+    kept: list[Setting] = []
+    for setting in settings:
+        planless = setting.values.get("agent") == setting.planner
+        if not planless or all(setting.values != other.values for other in kept):
+            kept.append(setting)
+    return tuple(kept)
+
+
 def _value(config: Config, key: str) -> Value | None:
     """The value of a dotted key; of a group with a name or a kind, that; None for another group."""
     values = leaves(config.complete())
     value = next((values[known] for known in (key, f"{key}.name", f"{key}.kind") if known in values), None)
     if isinstance(value, list):
-        return ", ".join(str(each.get("name", each)) if isinstance(each, dict) else str(each) for each in value)
+        return " + ".join(str(each.get("name", each)) if isinstance(each, dict) else str(each) for each in value)
     return value
 
 
-def digests(sweep: Sweep) -> set[str]:
-    """Digests of all stages of a sweep."""
+def all_stages(sweep: Sweep) -> list[Stage]:
+    """All stages of a sweep, once each."""
     growth = sweep.growth()
-    return {stage.digest for each in (sweep, growth) if each for config in each.configs for stage in stages(config)}
+    every = [stage for each in (sweep, growth) if each for config in each.configs for stage in stages(config)]
+    return list({stage.digest: stage for stage in every}.values())

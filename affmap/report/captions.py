@@ -8,15 +8,16 @@ import pandas as pd
 
 from affmap.env.body import NUM_DEVIATIONS
 from affmap.env.geometry import CELL
-from affmap.report.drawing.colors import make_groups, readable
+from affmap.report.drawing.colors import make_groups, name_of, readable
 from affmap.report.figures import pictures
 from affmap.report.figures.numbers import shown_outcomes
 from affmap.report.sentences import verdicts
 from affmap.results import examples, failures
 from affmap.results.claims import Score
+from affmap.results.examples import MAX_ROWS
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import listed, number, span
-from affmap.results.setting import CONTEXT_SIZE, PLANNERS, ReportSettings, Value
+from affmap.results.setting import CONTEXT_SIZE, PLANNERS, ReportSettings, Value, short_name
 from affmap.results.tables import Results
 
 PAPER_FIGURES = {"exp1": 4, "exp2": 7, "exp3": 9, "exp4": 10, "exp5": 11}
@@ -89,12 +90,13 @@ def _results(results: Results, scores: Sequence[Score], settings: ReportSettings
     else:
         parts.append("(D) Mean distance to the goal in control.")
     if len(results.planners) > 1:
-        parts.append("EB: evolutionary-based, GB: gradient-based.")
+        methods = [f"{short_name(kind)}: {PLANNERS[kind].method}" for kind in results.planners if kind in PLANNERS]
+        parts.append(f"{', '.join(methods)}." if methods else "")
     if settings.axes:
         parts.append("Dotted lines: lowest and highest tick of the paper's axis, where it is in view.")
     if scores:
         parts.append(f"Claims: {verdicts(scores)}.")
-    return " ".join(parts)
+    return " ".join(filter(None, parts))
 
 
 def _per_box(results: Results, settings: ReportSettings) -> str:
@@ -108,7 +110,7 @@ def _trajectories(results: Results, settings: ReportSettings) -> str:
     for values in rows:
         where = f"{pictures.row_name(results, values, settings)}, " if len(rows) > 1 else ""
         for example in examples.choose_examples(results, values):
-            value = results.x.format(example.setting.values[results.x.key])
+            value = name_of(results.x, example.setting.values[results.x.key], settings)
             run = _row(results, example)
             end = (
                 f"reaches the goal after {run['steps_to_reach']} steps" if run["reached"] else "never reaches the goal"
@@ -173,7 +175,7 @@ def _outcomes(results: Results, settings: ReportSettings) -> str:
     for value, name in groups.names.items():
         values = shares[value]
         first, last = values.index[0], values.index[-1]
-        ends = [f"{values[value]:.0%} of the runs at {results.x.format(value)}" for value in (first, last)]
+        ends = [f"{values[value]:.0%} of the runs at {name_of(results.x, value, settings)}" for value in (first, last)]
         parts.append(f"{name} {' and '.join(dict.fromkeys(ends))}")
     letters = zip("CDEFGHIJKLMNOPQRSTUVWXYZ", shown_outcomes(settings), strict=False)
     more = "".join(f" ({letter}) {METRICS[metric].label.capitalize()}." for letter, metric in letters)
@@ -199,8 +201,10 @@ def _failures(results: Results, settings: ReportSettings) -> str:
             "never arrived were at their end (their numbers in brackets; a run may be in both), in runs per cell of "
             f"{CELL} u where there are many."
         )
+    names = make_groups(results, settings).names.values()
+    some = f" Rows: {listed(list(names)[:MAX_ROWS])} only." if len(names) > MAX_ROWS else ""
     return (
         "Left: share of the runs that failed, by reason. A run that touched fog counts as such, whether it arrived or "
-        f"not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. {others} The "
-        "paper does not report these."
+        f"not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. {others}{some} "
+        "The paper does not report these."
     )

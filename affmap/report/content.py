@@ -5,12 +5,12 @@ from typing import Any
 
 from affmap.report import blocks, build, sentences
 from affmap.report.blocks import Block
-from affmap.report.drawing.colors import name_of, readable
+from affmap.report.drawing.colors import name_of
 from affmap.results import provenance, scores
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number, p_value, span
-from affmap.results.setting import LAYOUT, PLANNER, Factor, ReportSettings, short_name
+from affmap.results.setting import LAYOUT, PLANNER, Factor, ReportSettings
 from affmap.results.statistics import LEVEL
 from affmap.results.tables import Results
 
@@ -75,9 +75,15 @@ def tests(scores: Sequence[Score], results: Results) -> list[Block]:
 def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
     """The middle of each setting's results beside the paper's axes."""
     own = _own_factor(results)
-    values = [results.x.format(value) for value in results.x_values]
-    header = ["", "Planner", "Layout", *([own.label.capitalize()] if own else []), "Values", *values, "Paper's axis"]
-    title = "Medians, means and the paper's axes" if settings.outcome == "success" else "Medians and the paper's axes"
+    rest = [factor for factor in (PLANNER, LAYOUT, own) if factor and factor != results.x]
+    values = [name_of(results.x, value, settings) for value in results.x_values]
+    axes = ["Paper's axis"] if settings.axes else []
+    header = ["", *(factor.label.capitalize() for factor in rest), "Values", *values, *axes]
+    title = "Medians and means" if settings.outcome == "success" else "Medians"
+    if settings.axes:
+        title = (
+            "Medians, means and the paper's axes" if settings.outcome == "success" else "Medians and the paper's axes"
+        )
     return [blocks.heading(title, level), blocks.table(header, _median_rows(results, settings))]
 
 
@@ -88,11 +94,12 @@ def _own_factor(results: Results) -> Factor | None:
 
 def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
     """One row per metric, planner and layout, one column per x value; a star where it is outside the paper's axis."""
-    table = scores.medians(results, settings)
-    outside = table[["center", "paper_low"]].notna().all(axis=1) & ~table["inside"].fillna(True).astype(bool)
+    table = scores.centers(results, settings)
+    outside = table["paper_low"].notna() & ~table["inside"].fillna(True).astype(bool) & table["center"].notna()
     table["shown"] = table["center"].map(number) + outside.map({True: " *", False: ""})
     own = _own_factor(results)
-    keys = ["planner", "layout", *([own.column] if own else [])]
+    rest = [factor for factor in (PLANNER, LAYOUT, own) if factor and factor != results.x]
+    keys = [factor.column for factor in rest]
     table = table.astype(dict.fromkeys(keys, object)).fillna(dict.fromkeys(keys, ""))
     rows = []
     for _, group in table.groupby(["metric", *keys], sort=False):
@@ -103,13 +110,12 @@ def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
             centers = [*group.set_index(results.x.column)["shown"].reindex(results.x_values, fill_value=NOTHING)]
         else:  # of trainings that all of the x axis shares
             centers = [first["shown"]] * len(results.x_values)
-        planner = short_name(first["planner"]) or NOTHING
-        layout = readable(first["layout"], settings) if first["layout"] else NOTHING
-        value = [name_of(own, first[own.column], settings) if first[own.column] != "" else NOTHING] if own else []
-        axis = NOTHING
-        if group["paper_low"].notna().all():
-            axis = f"{number(first['paper_low'], 1)} to {number(first['paper_high'], 1)}"
-        rows.append([label, planner, layout, *value, span(group["number"]), *centers, axis])
+        values = [name_of(f, first[f.column], settings) if first[f.column] != "" else NOTHING for f in rest]
+        axis = []
+        if settings.axes:
+            low, high = (number(first[key], 1) for key in ("paper_low", "paper_high"))
+            axis = [f"{low} to {high}" if group["paper_low"].notna().all() else NOTHING]
+        rows.append([label, *values, span(group["number"]), *centers, *axis])
     return rows
 
 

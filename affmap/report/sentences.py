@@ -63,7 +63,8 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
             if centers.isna().all():  # of an agent that predicts nothing
                 continue
             ends = [
-                f"{number(centers[end])} {METRICS[metric].unit} at {x.format(end)}" for end in centers.index[[0, -1]]
+                f"{number(centers[end])} {METRICS[metric].unit} at {name_of(x, end, settings)}"
+                for end in centers.index[[0, -1]]
             ]
             who = f" ({name_of(factor, value, settings)})" if table[factor.column].nunique() > 1 else ""
             kind = "Share of successful runs" if metric == "success" else f"Median {METRICS[metric].name}"

@@ -1,21 +1,22 @@
 """Which runs and moments are shown: chosen by a rule, because the best ones would say little."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from affmap.results.files import Trajectories
-from affmap.results.setting import LAYOUT, PLANNER, Setting, Value
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, Value, make_factor
 from affmap.results.tables import Results
 
 
 def example_rule(results: Results) -> str:
     """The rule by which runs and moments are chosen, as part of a sentence."""
+    shown = "context sizes" if results.x == CONTEXT_SIZE else f"values of {results.x.label}"
     return (
         "the first member, of its runs in a layout the one whose mean distance to the goal, averaged over the "
-        f"{results.x.label}s shown, is the lower median, and the first step at which at most half of the initial "
-        "distance is left (where that never happens: the step that comes closest)"
+        f"{shown} shown, is the lower median, and the first step at which at most half of the initial distance is left "
+        "(where that never happens: the step that comes closest)"
     )
 
 
@@ -31,20 +32,27 @@ class Example(NamedTuple):
     paths: Trajectories
 
 
+MAX_ROWS = 3
+"""Rows of a figure, so that it fits a page."""
+
+
 def rows(results: Results) -> list[dict[str, Value]]:
     """The values that the settings of a row of pictures have in common, of the first planner (EB where it was run).
 
-    A row is a layout or, where colours tell another key apart, a value of that.
+    A row is a layout or, where colours tell another key apart, a value of that; the first `MAX_ROWS` of them. The key
+    on the x axis varies within a row.
     """
-    first = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0]}
+    first: dict[str, Value] = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0]}
     key = LAYOUT.key if results.color == PLANNER else results.color.key
-    values = results.layouts if key == LAYOUT.key else results.color_values
-    return [{**first, key: value} for value in values]
+    values: Sequence[Value] = results.layouts if key == LAYOUT.key else results.color_values
+    each = [{**first, key: value} for value in values]
+    inside = [{other: value for other, value in row.items() if other != results.x.key} for row in each]
+    return [row for place, row in enumerate(inside) if row not in inside[:place]][:MAX_ROWS]
 
 
 def choose_examples(results: Results, row: Mapping[str, Value]) -> list[Example]:
     """The runs of a row of `rows` that are shown, by `example_rule`."""
-    layout = str(row[LAYOUT.key])
+    layout = str(row.get(LAYOUT.key, results.layouts[0]))
     run = middle_runs(results, layout)[0]
     ends = _ends(results, layout)
     examples = []
@@ -58,7 +66,9 @@ def choose_examples(results: Results, row: Mapping[str, Value]) -> list[Example]
 
 def middle_runs(results: Results, layout: str) -> list[int]:
     """Numbers of the first member's runs in a layout: the one that `example_rule` chooses, then its next in rank."""
-    runs = results.runs[(results.runs["planner"] == results.planners[0]) & (results.runs["layout"] == layout)]
+    runs = results.runs
+    for key, value in _first(results, layout).items():
+        runs = runs[runs[make_factor(key).column] == value]
     runs = runs[runs[results.x.column].isin(_ends(results, layout)) & (runs["member"] == runs["member"].min())]
     distances = runs.groupby("run")["mean_distance"].mean().sort_values(kind="stable")
     away = np.abs(np.arange(len(distances)) - (len(distances) - 1) // 2)  # ranks from the lower median
@@ -79,9 +89,14 @@ def half_way(paths: Trajectories, index: int) -> int:
     return int(arrived.argmax() if arrived.any() else distance.argmin())
 
 
+def _first(results: Results, layout: str) -> dict[str, Value]:
+    """The first planner in a layout, but for the key on the x axis."""
+    values: dict[str, Value] = {PLANNER.key: results.planners[0], LAYOUT.key: layout}
+    return {key: value for key, value in values.items() if key != results.x.key}
+
+
 def _ends(results: Results, layout: str) -> list[Value]:
     """The first and the last value on the x axis, of the first planner in a layout."""
-    settings = results.where({PLANNER.key: results.planners[0], LAYOUT.key: layout})
-    present = {setting.values[results.x.key] for setting in settings}
+    present = {setting.values[results.x.key] for setting in results.where(_first(results, layout))}
     values = [value for value in results.x_values if value in present]
     return list(dict.fromkeys([values[0], values[-1]]))

@@ -7,7 +7,7 @@ decides only whether `affmap-report` draws again.
 import hashlib
 import json
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 from affmap.settings.messages import ConfigError
 from affmap.store.files import digests, guarded_read, sha256
 from affmap.store.provenance import PROVENANCE
+from affmap.store.stage import Stage
 
 PARTS = ("report.pdf", "report.html", "figures", "tables")
 """Parts of a report, beside its provenance."""
@@ -63,17 +64,20 @@ def stage_digests(folder: Path) -> set[str]:
         return {stage["digest"] for stage in record.get("stages", ())}
 
 
-def check_output(output: Path, stages: Collection[str]) -> None:
-    """Make sure that a report never replaces one of other results.
+def check_output(output: Path, stages: Iterable[Stage]) -> None:
+    """Make sure that a report never replaces one of other results; one of older rules may be replaced.
 
     Args:
         output: the report's folder.
-        stages: digests of those that the report is to be made of.
+        stages: those that the report is to be made of.
 
     Raises:
         ConfigError: the folder holds a report of others.
     """
-    if not stage_digests(output) <= set(stages):
+    record = read(output)
+    with guarded_read(output / PROVENANCE):
+        there = {stage.get("configuration", stage["digest"]) for stage in record.get("stages", ())}
+    if not there <= {stage.configuration for stage in stages}:
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
 

@@ -9,6 +9,7 @@ from affmap.env.effects import EFFECTS
 from affmap.results.numbers import NOTHING, points
 from affmap.results.setting import STAGES, Factor, Setting, make_factor
 from affmap.results.tables import Results
+from affmap.store.stage import Stage
 
 _SHARED = ("versions", "git", "machine", "command")
 """What most stages of a sweep agree on: its distinct values are listed once."""
@@ -43,6 +44,8 @@ def summarize(settings: Sequence[Setting], records: Mapping[Path, dict[str, Any]
         config = record.get("config", {})
         base = configs.setdefault(record["stage"], config)
         entry = {key: record.get(key) for key in ("stage", "digest", "started", "seconds", "peak_memory_mib")}
+        if rules := record.get("rules"):
+            entry |= {"rules": rules, "configuration": Stage(record["stage"], config).digest}
         stages.append({**entry, "differs": differences(config, base)})
     jobs = [
         {make_factor(key).column: value for key, value in setting.values.items()}

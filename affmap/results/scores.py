@@ -7,7 +7,7 @@ import pandas as pd
 
 from affmap.results.claims import Claim, Score
 from affmap.results.metrics import METRICS, extra_metrics
-from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, ReportSettings, short_name
+from affmap.results.setting import ALWAYS, CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings, short_name
 from affmap.results.tables import Results
 
 COLUMNS = (
@@ -62,13 +62,19 @@ def as_table(scores: Sequence[Score]) -> pd.DataFrame:
 
 
 def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
+    """The centers of all settings (`centers`), with planners by their short names."""
+    table = centers(results, settings)
+    return table.assign(planner=table["planner"].map(short_name))
+
+
+def centers(results: Results, settings: ReportSettings) -> pd.DataFrame:
     """The center of each setting (over members for the validation loss, over runs in control), and the paper's axis.
 
     The center is the median, as in the paper's box plots; of `success` it is the mean, as in its bars. A training has
     no planner, a layout only where the trainings differ in it, and values of other factors only where it depends on
     them. Where no axis is given, `paper_low`, `paper_high` and `inside` are empty.
     """
-    own = [factor.column for factor in results.factors if factor.key not in FACTORS]
+    own = [factor.column for factor in results.factors if factor not in ALWAYS]
     keys = [PLANNER.column, LAYOUT.column, *own, CONTEXT_SIZE.column]
     losses = results.last_epoch.assign(**{key: "" for key in keys if key not in results.last_epoch})
     if losses["layout"].nunique() == 1:
@@ -78,7 +84,6 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
     places = {layout: place for place, layout in enumerate(["", *results.layouts])}  # in the order of the figures
     ordered = [each.sort_values("layout", key=lambda names: names.map(places), kind="stable") for each in tables]
     table = pd.concat(ordered, ignore_index=True)
-    table["planner"] = table["planner"].map(short_name)
     axes = table["metric"].map(lambda metric: settings.axes.get(metric, (math.nan, math.nan)))
     table["paper_low"], table["paper_high"] = axes.str[0], axes.str[1]
     inside = table["center"].between(table["paper_low"], table["paper_high"])
@@ -90,6 +95,6 @@ def _centers(table: pd.DataFrame, metric: str, keys: Sequence[str]) -> pd.DataFr
     """One row per planner, layout, other factor and context size."""
     statistic = "mean" if metric == "success" else "median"
     scores = table[metric].astype(float).groupby([table[key] for key in keys])
-    centers = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
+    table = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
     columns = ["metric", *keys, "number", "statistic", "center", "unit"]
-    return centers.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]
+    return table.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]

@@ -62,6 +62,9 @@ PLANNER = Factor("planner", "planner", "planner")
 LAYOUT = Factor("control_layout", "layout", "layout")
 SPACING = Factor("lookup.spacing", "lookup_spacing", "map spacing (u)", "spacing")
 
+ALWAYS = (LAYOUT, PLANNER, CONTEXT_SIZE)
+"""Factors that every setting has a value of."""
+
 FACTORS = {factor.key: factor for factor in (LAYOUT, PLANNER, SPACING, CONTEXT_SIZE)}
 """Key -> factor, of those that every table of runs has a column for, in the order of the columns."""
 

@@ -58,28 +58,44 @@ class Results:
         """Make sure that settings differ in the two keys of a report only.
 
         Raises:
-            ConfigError: they differ in another one, and some would end in the same box.
+            ConfigError: they differ in another one, and some would end in the same box; or both keys are one.
         """
         chosen, first = (self.x.key, self.color.key), self.settings[0]
-        if others := [key for key in self._varied if key not in chosen]:
+        if self.x == self.color:
+            raise ConfigError(f"report.x and report.color are both {self.x.key!r}; name two keys.")
+        others = [key for key in self._varied if key not in chosen]
+        if not others:
+            return
+        constant = [key for key in chosen if key not in self._varied]
+        if self.x_key and self.x.key in constant and len(self._varied) <= 2:
             raise ConfigError(
-                f"a report tells two keys apart, here {self.x.key} on the x axis and {self.color.key} by colour, and "
-                f"there are several values of {' and '.join(others)}, too; give one, such as "
-                f"{others[0]}={first.values[others[0]]}, with output=runs/<name>, or name the two keys with report.x "
-                "and report.color."
+                f"report.x = {self.x_key!r} has one value here, {first.values[self.x.key]}; name a key that varies: "
+                f"{', '.join(self._varied)}."
             )
+        raise ConfigError(
+            f"a report tells two keys apart, here {self.x.key} on the x axis and {self.color.key} by colour, and there "
+            f"are several values of {' and '.join(others)}, too; give one, such as "
+            f"{others[0]}={first.values[others[0]]}, with output=runs/<name>, or make a table of its values with "
+            f"report.compare={others[0]}."
+        )
 
     @cached_property
     def _varied(self) -> list[str]:
         """Keys whose values differ among the settings, without those that follow from another one of them."""
         keys = [key for key in self.settings[0].values if len(self._values(key)) > 1]
-        # `world` sets control_layout, and what else it sets is told by that.
-        pairs = {key: [setting.values[key] for setting in self.settings] for key in keys}
         kept: list[str] = []
-        for key in sorted(keys, key=lambda key: key not in FACTORS):
-            if not any(_is_same(pairs[key], pairs[other]) for other in kept):
+        for key in sorted(keys, key=lambda key: key not in FACTORS):  # `world` follows from the layout flown in
+            if not self._determining(key, kept):
                 kept.append(key)
         return [key for key in keys if key in kept]
+
+    def _determining(self, key: str, others: Sequence[str]) -> str | None:
+        """The first of some keys that a key follows from: with one of its values goes one value of that key."""
+        for other in others:
+            pairs = {(setting.values[other], setting.values[key]) for setting in self.settings}
+            if len(pairs) == len(self._values(other)):
+                return other
+        return None
 
     def _values(self, key: str) -> list[Value]:
         """The distinct values of a key, in the order of the settings."""
@@ -88,25 +104,34 @@ class Results:
     @cached_property
     def x(self) -> Factor:
         """The factor on the x axis."""
-        numbers = [key for key in self._varied if all(not isinstance(value, str) for value in self._values(key))]
-        if CONTEXT_SIZE.key in numbers or (len(self._varied) < 2 and not numbers):
-            first = CONTEXT_SIZE.key
-        else:
-            first = next(iter(numbers), self._varied[-1])
-        return make_factor(self._known(self.x_key, "report.x") or first)
+        if key := self._chosen(self.x_key, "report.x"):
+            return make_factor(key)
+        color = self._chosen(self.color_key, "report.color")
+        varied = [key for key in self._varied if key != color]
+        numbers = [key for key in varied if all(not isinstance(value, str) for value in self._values(key))]
+        if CONTEXT_SIZE.key in numbers:
+            return CONTEXT_SIZE
+        names = [] if len(self._varied) < 2 else varied[-1:]
+        return make_factor(next(iter([*numbers, *names]), CONTEXT_SIZE.key))
 
     @cached_property
     def color(self) -> Factor:
-        """The factor that colours tell apart; the planner where no other key is varied."""
+        """The factor that colours tell apart; the planner, or the layout, where no other key is varied."""
+        if key := self._chosen(self.color_key, "report.color"):
+            return make_factor(key)
         others = [key for key in self._varied if key != self.x.key]
-        return make_factor(self._known(self.color_key, "report.color") or next(iter(others), PLANNER.key))
+        return make_factor(next(iter(others), LAYOUT.key if self.x == PLANNER else PLANNER.key))
 
-    def _known(self, key: str | None, name: str) -> str | None:
-        if key is not None and key not in self.settings[0].values:
-            raise ConfigError(
-                f"{name} = {key!r} is not a key of this sweep; its keys are: {', '.join(self.settings[0].values)}."
-            )
-        return key
+    def _chosen(self, key: str | None, name: str) -> str | None:
+        """A key that the settings of a report name, or the varied key that it says the same as."""
+        if key is None:
+            return None
+        if key not in self.settings[0].values:
+            known = self._varied or list(self.settings[0].values)
+            raise ConfigError(f"{name} = {key!r} is not a key that varies here; these are: {', '.join(known)}.")
+        if key in self._varied or len(self._values(key)) == 1:
+            return key
+        return self._determining(key, self._varied) or key
 
     @cached_property
     def factors(self) -> list[Factor]:
@@ -269,12 +294,6 @@ class Results:
         return read_provenance([*self.settings, *([self.growth] if self.growth else [])])
 
 
-def _is_same(one: Sequence[Value], other: Sequence[Value]) -> bool:
-    """Whether two keys' values, in the order of the settings, follow from each other."""
-    pairs = set(zip(one, other, strict=True))
-    return len(pairs) == len(set(one)) == len(set(other))
-
-
 def join(settings: Sequence[Setting]) -> tuple[Setting, ...]:
     """Put settings together whose members were divided among jobs; no member is in two of them."""
     parts: dict[str, list[tuple[int, Setting]]] = {}
@@ -309,7 +328,7 @@ def _read_runs(folder: Path) -> pd.DataFrame:
     before, after = [*(factor.column for factor in FACTORS.values()), *PLACES], WORLD_COLUMNS
     table = files.read_runs(folder, [*before, *after])
     if lacking := [column for column in run_metrics() if column not in table]:
-        table = table.join(summarise(files.read_trajectories([folder]), lacking))
+        table = table.join(summarise(files.read_trajectories([folder]), lacking).round(6))  # as stored ones
     later = [column for column in run_metrics() if column not in stored_metrics()]
     return table[[*before, *stored_metrics(), *after, *later]].astype({"steps_to_reach": "Int64"})
 

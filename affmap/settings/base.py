@@ -1,7 +1,8 @@
 """The base class of everything configured, and the loader of `conf/`.
 
 A subclass of `Settings` is a configuration file with types: its fields are the keys of the file, and it has no
-defaults, so that a value stands in exactly one place, in `conf/`. It knows nothing of Hydra.
+defaults, so that a value stands in exactly one place, in `conf/`. (A key that came later may have a `Neutral` value,
+which it has where it is missing.) It knows nothing of Hydra.
 """
 
 import re

@@ -3,7 +3,7 @@
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
-from typing import Annotated, Any, TypeVar, Union
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import Field, TypeAdapter
 
@@ -29,7 +29,9 @@ class Registry:
         Raises:
             ValueError: it has no field `kind`, or another class has this kind.
         """
-        if "kind" not in settings.model_fields:
+        if not issubclass(settings, Settings):
+            raise ValueError(f"{settings.__name__} is no Settings class; derive it from affmap.settings.Settings.")
+        if not _kinds(settings):
             raise ValueError(f"{settings.__name__} has no field kind; give it one, such as kind: Literal['mine'].")
         known = [each for each in self._registered if each.__qualname__ != settings.__qualname__]  # defined anew
         if clash := [each.__name__ for each in known if _kinds(each) & _kinds(settings)]:
@@ -45,7 +47,9 @@ class Registry:
 
 
 def _kinds(settings: type[Settings]) -> set[str]:
-    return {*settings.model_fields["kind"].annotation.__args__}  # type: ignore[union-attr]
+    """The values of the field `kind`; none where there is no such field, or it may be anything."""
+    field = settings.model_fields.get("kind")
+    return {*get_args(field.annotation)} if field and get_origin(field.annotation) is Literal else set()
 
 
 @cache

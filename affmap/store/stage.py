@@ -13,6 +13,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from pydantic import BaseModel, ConfigDict
+
 from affmap.store.attempt import Attempt, is_scratch
 from affmap.store.files import digests, sha256, write_json
 from affmap.store.provenance import PROVENANCE, canonical, circumstances, has_valid_checksum, peak_memory, with_checksum
@@ -38,9 +40,26 @@ class Stage(NamedTuple):
         return hashlib.sha256(canonical({"name": self.name, **self.origin}).encode()).hexdigest()[:16]
 
     @property
+    def configuration(self) -> str:
+        """The digest that the stage would have if all of its rules had version 1: that of its configuration."""
+        return self._replace(rules={}).digest
+
+    @property
     def origin(self) -> dict[str, Any]:
         """All that the result depends on; where every rule has version 1, the configuration alone."""
         return {"config": self.config, **({"rules": dict(self.rules)} if self.rules else {})}
+
+
+class _Record(BaseModel):
+    """The provenance of a stage, as far as it is relied on."""
+
+    model_config = ConfigDict(strict=True)
+
+    stage: str
+    digest: str
+    config: dict[str, Any]
+    rules: dict[str, int] = {}
+    files: dict[str, str]
 
 
 def provenance(stage: Stage, attempt: Attempt) -> dict[str, Any]:
@@ -134,11 +153,14 @@ def read(folder: Path) -> dict[str, Any]:
     path = folder / PROVENANCE
     try:
         record = json.loads(path.read_text("utf-8"))
+        _Record.model_validate(record)
+        valid = has_valid_checksum(record)
     except ValueError:
-        record = None
-    if not isinstance(record, dict) or not has_valid_checksum(record):
+        valid = False
+    if not valid:
         raise StoreError(f"{path} is damaged, or another version of affmap wrote it; {remedy(folder)}")
-    return record
+    values: dict[str, Any] = record
+    return values
 
 
 def remedy(folder: Path) -> str:

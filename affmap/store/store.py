@@ -1,4 +1,4 @@
-"""Results on disk: each stage in a folder named by the digest of the configuration that it depends on.
+"""Results on disk: each stage in a folder named by the digest of all that it depends on.
 
 A stage is written into `<digest>.partial` and renamed when complete, so that a folder with a digest's name is whole;
 its `provenance.json` lists the digests of its files. A lock makes jobs that need the same stage at the same time wait

@@ -10,6 +10,9 @@ import torch
 from commands import in_process, jobs, line
 
 from affmap import pipeline
+from affmap.cli.app import read_sweep
+from affmap.pipeline.completed import completed
+from affmap.results.tables import Results
 
 AGENTS = ["agent=planner,random,straight", "model.context_size=1"]
 
@@ -94,3 +97,15 @@ def test_agents_can_be_compared_one_with_the_other(swept: Path, tmp_path: Path) 
     assert set(table["a"]) == {"planner"} and set(table.index) == {"random", "straight"}
     for agent, difference in table["difference"].items():
         assert difference == pytest.approx(means[agent] - means["cem"])
+
+
+def test_an_agent_without_a_planner_stands_once_beside_several_planners(tmp_path: Path) -> None:
+    """It flies the same whatever planner is named: three settings of four jobs."""
+    both = line(tmp_path, "planner=cem,gradient", "agent=planner,random", "model.context_size=1")
+    for config in jobs(tmp_path, "planner=cem,gradient", "agent=planner,random", "model.context_size=1"):
+        pipeline.run(config)
+    settings = completed(read_sweep(both)).settings
+    assert [setting.planner for setting in settings] == ["cem", "random", "gradient"]
+    results = Results(settings)
+    results.check_factors()
+    assert results.color_values == ["cem", "gradient", "random"]

@@ -25,6 +25,7 @@ from affmap.results.scores import score
 from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
+from affmap.store.stage import Stage
 
 CONF = Path(__file__).parents[2] / "conf"
 SVG = "data:image/svg+xml;base64,"
@@ -250,6 +251,19 @@ def test_other_code_draws_again_and_makes_no_report_wrong(
     write(tmp_path, few, "exp1")
     assert all(path.stat().st_mtime_ns > before for path, before in written.items())
     assert (tmp_path / "provenance.json").read_bytes() == record
+
+
+def test_a_report_gives_way_to_one_of_newer_rules_and_to_no_other(tmp_path: Path) -> None:
+    """By hand: the same configuration made by version 2 of its rules; another configuration."""
+    old, new, other = Stage("train", {"seed": 0}), Stage("train", {"seed": 0}, {"data": 2}), Stage("train", {"seed": 1})
+    for there in (old, new):
+        entry = {"digest": there.digest} | ({"configuration": old.digest} if there.rules else {})
+        (tmp_path / "provenance.json").write_text(json.dumps({"files": {}, "stages": [entry]}), "utf-8")
+        for stage in (old, new):
+            manifest.check_output(tmp_path, [stage, other])
+        with pytest.raises(ConfigError, match="holds the report of other results"):
+            manifest.check_output(tmp_path, [other])
+    assert new.configuration == old.digest == old.configuration != new.digest
 
 
 def test_a_copy_of_a_report_is_whole_without_what_it_lacks(results: dict[str, Results], tmp_path: Path) -> None:

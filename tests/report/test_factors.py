@@ -11,9 +11,13 @@ from stage_files import write_stages
 from affmap import pipeline
 from affmap.cli.app import read_sweep
 from affmap.pipeline.completed import completed
+from affmap.report import build, content
+from affmap.report.experiment import ExperimentReport
 from affmap.results.files import Trajectories, read_trajectories
 from affmap.results.metrics import METRICS, Metric
-from affmap.results.setting import CONTEXT_SIZE, PLANNER, make_factor
+from affmap.results.numbers import NOTHING
+from affmap.results.scores import medians
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings, Setting, make_factor
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -66,7 +70,7 @@ def test_the_factors_can_be_chosen(
     assert report(swept, tmp_path / "turned", monkeypatch, *chosen) == 0, capsys.readouterr().err
     assert "beta = 10" in (tmp_path / "turned/report.html").read_text("utf-8")
     assert report(swept, tmp_path / "wrong", monkeypatch, "report.x=control.goal_radius") == 2
-    assert "report.x = 'control.goal_radius' is not a key of this sweep" in capsys.readouterr().err
+    assert "report.x = 'control.goal_radius' is not a key that varies here" in capsys.readouterr().err
 
 
 def test_factors_follow_from_the_sweep(swept: Path, tmp_path: Path) -> None:
@@ -101,6 +105,55 @@ def test_more_than_two_keys_are_refused_with_a_remedy(
     )
 
 
+@pytest.mark.parametrize(
+    ("experiment", "planners", "sizes", "chosen"),
+    [
+        ("exp2", ("cem", "gradient"), (8,), (None, None)),
+        ("exp2", ("cem", "gradient"), (8,), ("planner", None)),
+        ("exp3", ("cem",), (0, 8), ("control_layout", None)),
+        ("exp4", ("cem", "gradient"), (8,), ("planner", None)),
+        ("exp1", ("cem", "gradient"), (0, 8), (None, "model.context_size")),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_every_choice_of_factors_is_drawn(
+    tmp_path: Path, experiment: str, planners: tuple[str, ...], sizes: tuple[int, ...], chosen: tuple[str | None, ...]
+) -> None:
+    """Names on the x axis, or sizes by colour: every figure, no warning of its layout, medians in every column."""
+    settings = ReportSettings.load("report", "default")
+    written = write_stages(tmp_path, sizes, planners=planners, members=2, epochs=2, experiment=experiment)
+    results = Results(tuple(written), None, *chosen)
+    told = {"name": "mine", "title": "Mine", "command": "affmap"}
+    report = ExperimentReport(tmp_path / "out", results, settings, (), **told, notice=None)
+    build.write(report)
+    (rows,) = [block["rows"] for block in content.medians(results, settings) if block["kind"] == "table"]
+    shown = len({factor.column for factor in (results.color, PLANNER, LAYOUT)} - {results.x.column})
+    assert all(len(row) == 1 + shown + 1 + len(results.x_values) for row in rows)
+    assert all(value != NOTHING for row in rows for value in row[-len(results.x_values) :])
+
+
+def test_one_key_cannot_be_both_factors(tmp_path: Path) -> None:
+    results = Results(tuple(write_stages(tmp_path, (0, 8), members=1, epochs=1)), None, "planner", "planner")
+    with pytest.raises(ConfigError, match=r"report.x and report.color are both 'planner'; name two keys"):
+        results.check_factors()
+
+
+def test_the_spacing_of_look_ups_is_a_factor_like_others(tmp_path: Path) -> None:
+    """Its column is in the table of a stage; medians have it, too."""
+    first, *_ = write_stages(tmp_path, (8,), planners=("cem",), members=2, epochs=1)
+    settings = tuple(
+        Setting({**first.values, "lookup.spacing": spacing, "lookup.differentiable": choice}, first.folders)
+        for spacing in (0.1, 0.2)
+        for choice in (True, False)
+    )
+    results = Results(settings)
+    assert (results.x.key, results.color.key) == ("lookup.spacing", "lookup.differentiable")
+    table = medians(results, ReportSettings.load("report", "default"))
+    expected = {(spacing, choice) for spacing in (0.1, 0.2) for choice in (True, False)}
+    chosen = table.query("metric == 'mean_distance'")
+    assert set(zip(chosen["lookup_spacing"], chosen["lookup_differentiable"], strict=True)) == expected
+
+
 def _path_length(paths: Trajectories) -> np.ndarray:
     return np.linalg.norm(np.diff(paths.position, axis=1), axis=-1).sum(axis=1)
 
@@ -108,7 +161,7 @@ def _path_length(paths: Trajectories) -> np.ndarray:
 def test_a_new_metric_is_one_entry_and_shows_in_the_report_of_an_old_store(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Computed when it is read; the stored tables stay as they are."""
+    """Computed when it is read, to six decimals as others; the stored tables stay as they are."""
     stored = {path: path.read_bytes() for path in swept.glob("store/control/*/runs.csv")}
     monkeypatch.setitem(METRICS, "path_length", Metric("path length", "u", "length of the path (u)", _path_length))
     assert report(swept, tmp_path / "longer", monkeypatch) == 0, capsys.readouterr().err
@@ -117,7 +170,7 @@ def test_a_new_metric_is_one_entry_and_shows_in_the_report_of_an_old_store(
     assert list(runs)[-1] == "path_length"
     setting = completed(read_sweep([*line(swept), *SWEEP])).settings[0]
     chosen = runs.query("planner == 'cem' and control_beta == 0")["path_length"]
-    assert chosen.tolist() == pytest.approx(_path_length(read_trajectories(setting.control)).tolist())
+    assert chosen.tolist() == pytest.approx(_path_length(read_trajectories(setting.control)).tolist(), abs=1e-6)
     medians = pd.read_csv(tmp_path / "longer/tables/medians.csv")
     assert (medians["metric"] == "path_length").sum() == 3 * 2
     text = (tmp_path / "longer/report.html").read_text("utf-8")

@@ -59,9 +59,19 @@ def test_kinds_are_told_apart() -> None:
     class Nameless(Settings):
         lives: int
 
+    class Anything(Settings):
+        kind: str
+
+    class Plain:
+        kind: str
+
     registry = Registry("affmap.store")
     registry.register(Cat)
     with pytest.raises(ValueError, match="Other has the kind of Cat"):
         registry.register(Other)
     with pytest.raises(ValueError, match="Nameless has no field kind"):
         registry.register(Nameless)
+    with pytest.raises(ValueError, match="Anything has no field kind; give it one, such as kind: Literal"):
+        registry.register(Anything)
+    with pytest.raises(ValueError, match="Plain is no Settings class"):
+        registry.register(Plain)  # type: ignore[type-var]

@@ -269,6 +269,11 @@ def test_every_flipped_bit_and_every_truncation_is_found(complete: Path, tmp_pat
         (lambda folder: rewrite(folder, stage="map"), "provenance.json is that of another stage"),
         (lambda folder: rewrite(folder, config={"seed": 4}), "provenance.json is that of another stage"),
         (lambda folder: (folder / PROVENANCE).write_text("[]"), "provenance.json is damaged"),
+        *((lambda folder, rules=rules: rewrite(folder, rules=rules), "is damaged") for rules in ([1], "x", 5, None)),
+        (lambda folder: rewrite(folder, rules={"train": 1.5}), "provenance.json is damaged"),
+        (lambda folder: rewrite(folder, rules={"train": 2}), "provenance.json is that of another stage"),
+        (lambda folder: rewrite(folder, files=3), "provenance.json is damaged"),
+        (lambda folder: rewrite(folder, stage=None), "provenance.json is damaged"),
         (lambda folder: (folder / PROVENANCE).write_bytes(b"\xff"), "provenance.json is damaged"),
     ],
 )

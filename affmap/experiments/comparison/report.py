@@ -18,7 +18,7 @@ from affmap.results import provenance, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number
 from affmap.results.provenance import differences, leaves
-from affmap.results.setting import CONTEXT_SIZE, LAYOUT, Setting, short_name
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, short_name
 from affmap.results.statistics import Verdict
 from affmap.results.tables import Results, read_provenance, read_runs, score_matrix, write_csv, write_runs
 from affmap.settings import ConfigError
@@ -30,8 +30,8 @@ WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_
 """What the verdict on being the same is called here."""
 
 COLUMNS = {
-    "planner": ("planner.kind", "agent.kind", "agent"),
-    "layout": (LAYOUT.key,),
+    "planner": (PLANNER.key, "planner.kind", "agent.kind", "agent"),
+    "layout": (LAYOUT.key, "world"),
     "context_size": (CONTEXT_SIZE.key,),
 }
 """Column of the runs that tells settings apart -> the keys of the configuration that it comes from."""

@@ -1,11 +1,13 @@
 """The grouping variable of a report, its labels and colours."""
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib.colors import to_hex
 
 from affmap.results.setting import CONTEXT_SIZE, PLANNERS, Factor, ReportSettings, Value
@@ -27,10 +29,16 @@ class Groups(NamedTuple):
     palette: dict[str, str]
     """Name -> colour."""
     x: Factor = CONTEXT_SIZE
+    x_names: Mapping[Value, str] = MappingProxyType({})
+    """Value on the x axis -> its name for readers, where it is a name."""
 
     def of(self, table: pd.DataFrame) -> "pd.Series[str]":
         """The names of the rows of `table`."""
         return table[self.column].map(self.names)
+
+    def x_of(self, table: pd.DataFrame) -> "pd.Series[Any]":
+        """The places of the rows of `table` on the x axis."""
+        return table[self.x.column].map(self.x_names) if self.x_names else table[self.x.column]
 
 
 def make_groups(results: Results, settings: ReportSettings) -> Groups:
@@ -39,8 +47,15 @@ def make_groups(results: Results, settings: ReportSettings) -> Groups:
     names = {value: name_of(factor, value, settings) for value in values}
     own = {kind: planner.color for kind, planner in PLANNERS.items()}
     others = [value for value in values if value not in own]
-    colors = own | dict(zip(others, GROUP_COLORS * len(others), strict=False))
-    return Groups(factor.column, names, {name: colors[value] for value, name in names.items()}, results.x)
+    palette = GROUP_COLORS if len(others) <= len(GROUP_COLORS) else sns.husl_palette(len(others)).as_hex()
+    colors = own | dict(zip(others, palette, strict=False))
+    x_names = x_names_of(results, settings) if isinstance(results.x_values[0], str) else {}
+    return Groups(factor.column, names, {name: colors[value] for value, name in names.items()}, results.x, x_names)
+
+
+def x_names_of(results: Results, settings: ReportSettings) -> dict[Value, str]:
+    """Value on the x axis -> its name for readers."""
+    return {value: name_of(results.x, value, settings) for value in results.x_values}
 
 
 def name_of(factor: Factor, value: Value, settings: ReportSettings) -> str:

@@ -5,6 +5,7 @@ They know colours and labels, and neither files nor figures.
 
 import warnings
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,18 +19,27 @@ from affmap.report.drawing.colors import Groups, x_colors
 from affmap.results import failures, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
-from affmap.results.setting import CONTEXT_SIZE, Factor
+from affmap.results.setting import CONTEXT_SIZE, Factor, Value
 
 HUGE, LINEAR = 300, 20
 """nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
 
 REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6677"}
 
+LEGEND_WIDTH = 48
+"""Characters, in a line of a legend above a panel."""
+
 Span = tuple[float, float] | None
 """Lowest and highest tick of the paper's axis, marked by dotted lines; or None."""
 
 
-def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None, factor: Factor = CONTEXT_SIZE) -> Axes:
+def learning_curves(
+    ax: Axes,
+    validation: pd.DataFrame,
+    paper: Span = None,
+    factor: Factor = CONTEXT_SIZE,
+    names: Mapping[Value, str] = MappingProxyType({}),
+) -> Axes:
     """Validation NLL over epochs, a curve per value: mean over members, and their standard deviation as a shade.
 
     Args:
@@ -37,15 +47,18 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None, fact
         validation: one row per value, member and epoch.
         paper: see `Span`.
         factor: which values curves tell apart.
+        names: of values that are names, for readers.
     """
     _mark(ax, paper)
-    values = sorted(validation[factor.column].unique())
+    values = [value for value in names if value in set(validation[factor.column])]
+    values = values or sorted(validation[factor.column].unique())
     num_epochs = validation["epoch"].nunique()
     sns.lineplot(
         validation,
         x="epoch",
         y="validation_nll",
         hue=factor.column,
+        hue_order=values,
         palette=x_colors(factor, values),
         errorbar="sd",
         err_kws={"alpha": 0.18, "lw": 0},
@@ -56,6 +69,8 @@ def learning_curves(ax: Axes, validation: pd.DataFrame, paper: Span = None, fact
     )
     ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
+    for line in ax.get_lines():
+        line.set_label(str(names.get(str(line.get_label()), line.get_label())))
     if factor == CONTEXT_SIZE:
         _focus(ax, validation, paper)
     return _legend_above(ax, 8 if len(values) <= 5 else 4)
@@ -106,7 +121,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed
         warnings.filterwarnings("ignore", "vert: bool", DeprecationWarning)
         sns.boxplot(
-            x=runs[groups.x.column],
+            x=groups.x_of(runs),
             y=runs[metric],
             **_by_group(runs, groups),
             whis=1.5,
@@ -146,7 +161,7 @@ def bars(
     keys = [groups.column, groups.x.column, "member"]
     members = runs.astype({metric: float}).groupby(keys, sort=False)[metric].mean().reset_index()
     sns.barplot(
-        x=members[groups.x.column],
+        x=groups.x_of(members),
         y=members[metric],
         **_by_group(members, groups),
         errorbar=_interval if intervals else "sd",
@@ -236,7 +251,9 @@ def _mark(ax: Axes, paper: Span) -> None:
 
 
 def _legend_above(ax: Axes, columns: int = 8) -> Axes:
-    """Put the legend to the right of the title, where no data can be."""
+    """Put the legend to the right of the title, where no data can be; long names stand in several lines."""
+    longest = max((len(name) for name in ax.get_legend_handles_labels()[1]), default=0)
+    columns = max(1, min(columns, LEGEND_WIDTH // (longest + 4)))
     style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 0.9, "handletextpad": 0.4, "columnspacing": 0.7}
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **style)
     return ax

@@ -14,7 +14,7 @@ from affmap.report.figures.pictures import Painted, map_size, paint, painted
 from affmap.report.packing import pack
 from affmap.report.player.runs import CODE, describe, effects
 from affmap.results.files import Floats
-from affmap.results.setting import FACTORS, Factor, ReportSettings
+from affmap.results.setting import ALWAYS, Factor, ReportSettings
 from affmap.results.tables import Results
 
 SPACING = 0.04
@@ -26,7 +26,7 @@ def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
     maps = []
     for size in filter(None, results.context_sizes):
         parts = painted(results, size)
-        factors = [f for f in dict.fromkeys([results.color, results.x]) if f.key not in FACTORS and _differ(parts, f)]
+        factors = [f for f in dict.fromkeys([results.color, results.x]) if f not in ALWAYS and _differ(parts, f)]
         maps += [_map(part, colors, factors, settings) for part, colors in zip(parts, paint(parts, 0), strict=True)]
     if not maps:
         return None

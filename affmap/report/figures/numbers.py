@@ -7,10 +7,11 @@ from matplotlib.gridspec import SubplotSpec
 
 from affmap.report.drawing import arena
 from affmap.report.drawing import numbers as panels
-from affmap.report.drawing.colors import make_groups, name_of, readable
+from affmap.report.drawing.colors import make_groups, name_of, readable, x_names_of
 from affmap.report.figures import pictures
 from affmap.report.figures.files import new_figure
 from affmap.results import failures as failing
+from affmap.results.examples import MAX_ROWS
 from affmap.results.metrics import extra_metrics
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
@@ -57,21 +58,33 @@ def _map(ax: Axes, results: Results) -> None:
 
 def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportSettings) -> None:
     """Learning curves, side by side where models were trained for each layout, or value that colours tell apart."""
-    column = results.color.column if results.color.column in results.trainings else "layout"
-    trained = list(results.validation[column].unique())
-    groups = [value for value in (*results.layouts, *results.color_values) if value in trained]
+    paper = settings.axes.get("validation_nll")
+    column = results.color.column if results.color.column in results.trainings else LAYOUT.column
     factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
-    axes = cell.subgridspec(1, len(set(groups))).subplots(sharey=True, squeeze=False)[0]
-    for ax, value in zip(axes, dict.fromkeys(groups), strict=True):
-        of_group = results.validation[results.validation[column] == value]
-        panels.learning_curves(ax, of_group, settings.axes.get("validation_nll"), factor)
+    names = x_names_of(results, settings) if factor == results.x and isinstance(results.x_values[0], str) else {}
+    if column == factor.column:
+        panels.learning_curves(figure.add_subplot(cell), results.validation, paper, factor, names)
+        figure.axes[-1].set_title(f"A  Loss by {factor.label}", loc="left")
+        return
+    trained = set(results.validation[column])
+    known = [*results.layouts, *results.color_values]
+    values = list(dict.fromkeys(value for value in known if value in trained))
+    columns = min(3, len(values))
+    grid = cell.subgridspec(-(-len(values) // columns), columns).subplots(sharey=True, squeeze=False)
+    for ax, value in zip(grid.ravel(), values, strict=False):
+        of_value = results.validation[results.validation[column] == value]
+        panels.learning_curves(ax, of_value, paper, factor, names)
         ax.label_outer()
-        if ax is not axes[-1]:
+        if value != values[-1]:
             ax.get_legend().remove()
-        if len(axes) > 1:
-            name = readable(str(value), settings) if column == "layout" else name_of(results.color, value, settings)
+        if len(values) > 1:
+            name = (
+                readable(str(value), settings) if column == LAYOUT.column else name_of(results.color, value, settings)
+            )
             ax.text(0.98, 0.98, name, ha="right", va="top", transform=ax.transAxes)
-    axes[0].set_title(f"A  Loss by {factor.label}", loc="left")
+    for ax in grid.ravel()[len(values) :]:
+        ax.set_axis_off()
+    grid[0, 0].set_title(f"A  Loss by {factor.label}", loc="left")
 
 
 def outcomes(results: Results, settings: ReportSettings) -> Figure:
@@ -103,13 +116,13 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
         return None
     runs = failing.with_reasons(results)
     groups = make_groups(results, settings)
-    figure = new_figure(0.5 + 1.9 * len(groups.names))
-    rows = figure.subplots(len(groups.names), 3, squeeze=False, width_ratios=(1.0, 1.15, 1.15))
-    for (bars, middle, right), (value, name) in zip(rows, groups.names.items(), strict=True):
+    num_rows = min(MAX_ROWS, len(groups.names))
+    figure = new_figure(0.5 + 1.9 * num_rows)
+    rows = figure.subplots(num_rows, 3, squeeze=False, width_ratios=(1.0, 1.15, 1.15))
+    for (bars, middle, right), (value, name) in zip(rows, groups.names.items(), strict=False):
         panels.reasons(bars, runs[runs[groups.column] == value], results.x)
-        row = results.where(
-            {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
-        )
+        same = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
+        row = results.where({key: each for key, each in same.items() if key != results.x.key})
         row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
         flown = results.worlds(row[0])
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")

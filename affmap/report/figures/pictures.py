@@ -9,7 +9,7 @@ from affmap.env.layout import Layout
 from affmap.report.drawing import arena
 from affmap.report.drawing.colors import name_of, readable
 from affmap.report.figures.files import new_figure
-from affmap.results.examples import choose_examples
+from affmap.results.examples import MAX_ROWS, choose_examples
 from affmap.results.examples import rows as rows_of
 from affmap.results.files import Floats, Maps
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings, Setting, Value
@@ -66,7 +66,7 @@ def several_worlds(results: Results) -> list[Painted]:
     """Maps of the worlds that the same models are shown in, those that they were not trained in first; else none."""
     size = map_size(results)
     shown = painted(results, size) if size else []
-    if len({part.setting.train for part in shown}) == len(shown):
+    if len({part.setting.train for part in shown}) == len(shown) or len({part.world for part in shown}) < len(shown):
         return []
     return sorted(shown, key=lambda part: part.world in results.training_worlds(part.setting))
 
@@ -86,7 +86,7 @@ def affordance_maps(results: Results, settings: ReportSettings) -> Figure | None
     size = map_size(results)
     if size is None:
         return None
-    parts = painted(results, size)
+    parts = painted(results, size)[:MAX_ROWS]
     count = NUM_MEMBERS if len(parts) == 1 else NUM_MEMBERS // 2
     members = parts[0].maps.member[:count]
     tables = [paint(parts, index) for index in range(len(members))]  # [member][part]
@@ -167,7 +167,7 @@ def trajectories(results: Results, settings: ReportSettings) -> Figure | None:
     chosen = rows_of(results)
     rows = [choose_examples(results, row) for row in chosen]
     columns = max(map(len, rows))
-    figure = new_figure(0.7 + (2.55 if columns == 2 else 4.2) * len(rows))
+    figure = new_figure(0.7 + (2.55 if columns == 2 or len(rows) > 2 else 4.2) * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
     flown = []
     for axes, examples, row in zip(grid, rows, chosen, strict=True):
@@ -179,7 +179,8 @@ def trajectories(results: Results, settings: ReportSettings) -> Figure | None:
             arena.trajectory(ax, example.paths, example.problem, example.step, flown[-1], radius)
             where = f"{row_name(results, row, settings)}, " if len(rows) > 1 else ""
             value = example.setting.values[results.x.key]
-            ax.set_title(f"{where}{results.x.label} {value}, step {example.step}".replace("_", " "), loc="left")
+            place = name_of(results.x, value, settings) if isinstance(value, str) else f"{results.x.label} {value}"
+            ax.set_title(f"{where}{place}, step {example.step}", loc="left")
     handles = grid[0, 0].get_legend_handles_labels()[0] + arena.effect_handles(flown)
     columns = len(handles) if len(handles) <= 6 else -(-len(handles) // 2)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)

@@ -19,7 +19,7 @@ from affmap.report.figures.pictures import map_size
 from affmap.report.packing import Packed, pack, pack_bits
 from affmap.results.examples import first_member, middle_runs
 from affmap.results.files import Floats
-from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, Factor, ReportSettings, Setting
+from affmap.results.setting import ALWAYS, CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.view import EXTENT, view
 
@@ -38,7 +38,7 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
     count = max(1, MAX_RUNS // len(results.settings))
     chosen = {layout: sorted(middle_runs(results, layout)[:count]) for layout in results.layouts}
     worlds: dict[Layout, int] = {}
-    factors = [LAYOUT, PLANNER, *(f for f in (results.color, results.x) if f.key not in FACTORS), CONTEXT_SIZE]
+    factors = [LAYOUT, PLANNER, *(f for f in (results.color, results.x) if f not in ALWAYS), CONTEXT_SIZE]
     orders = {
         factor.key: list(dict.fromkeys(each.values[factor.key] for each in results.settings)) for factor in factors
     }
