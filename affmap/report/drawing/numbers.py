@@ -13,6 +13,7 @@ import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
 
 from affmap.env.effects import EFFECTS
 from affmap.report.drawing.colors import Groups, x_colors
@@ -26,8 +27,8 @@ HUGE, LINEAR = 300, 20
 
 REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6677"}
 
-LEGEND_WIDTH = 48
-"""Characters, in a line of a legend above a panel."""
+LEGEND_WIDTH, TITLE_HEIGHT = 48, 0.2
+"""Characters in a line of a legend above a panel, and inches that the panel's title takes."""
 
 Span = tuple[float, float] | None
 """Lowest and highest tick of the paper's axis, marked by dotted lines; or None."""
@@ -39,6 +40,7 @@ def learning_curves(
     paper: Span = None,
     factor: Factor = CONTEXT_SIZE,
     names: Mapping[Value, str] = MappingProxyType({}),
+    colors: Mapping[Value, str] | None = None,
 ) -> Axes:
     """Validation NLL over epochs, a curve per value: mean over members, and their standard deviation as a shade.
 
@@ -47,7 +49,8 @@ def learning_curves(
         validation: one row per value, member and epoch.
         paper: see `Span`.
         factor: which values curves tell apart.
-        names: of values that are names, for readers.
+        names: of the values, for readers, where they have any.
+        colors: of the values; by default those of an axis.
     """
     _mark(ax, paper)
     values = [value for value in names if value in set(validation[factor.column])]
@@ -59,7 +62,7 @@ def learning_curves(
         y="validation_nll",
         hue=factor.column,
         hue_order=values,
-        palette=x_colors(factor, values),
+        palette=dict(colors or x_colors(factor, values)),
         errorbar="sd",
         err_kws={"alpha": 0.18, "lw": 0},
         lw=1.4,
@@ -69,8 +72,9 @@ def learning_curves(
     )
     ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
+    texts = {str(value): name for value, name in names.items()}
     for line in ax.get_lines():
-        line.set_label(str(names.get(str(line.get_label()), line.get_label())))
+        line.set_label(texts.get(str(line.get_label()), line.get_label()))
     if factor == CONTEXT_SIZE:
         _focus(ax, validation, paper)
     return _legend_above(ax, 8 if len(values) <= 5 else 4)
@@ -251,11 +255,15 @@ def _mark(ax: Axes, paper: Span) -> None:
 
 
 def _legend_above(ax: Axes, columns: int = 8) -> Axes:
-    """Put the legend to the right of the title, where no data can be; long names stand in several lines."""
-    longest = max((len(name) for name in ax.get_legend_handles_labels()[1]), default=0)
-    columns = max(1, min(columns, LEGEND_WIDTH // (longest + 4)))
+    """Put the legend to the right of the title, where no data can be; one of several lines stands above the title."""
+    names = ax.get_legend_handles_labels()[1]
+    columns = max(1, min(columns, LEGEND_WIDTH // (max(map(len, names), default=0) + 4)))
     style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 0.9, "handletextpad": 0.4, "columnspacing": 0.7}
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **style)
+    place, figure = ax.transAxes, ax.get_figure(root=True)
+    assert figure is not None
+    if len(names) > columns and sum(map(len, names)) > LEGEND_WIDTH:
+        place = place + ScaledTranslation(0.0, TITLE_HEIGHT, figure.dpi_scale_trans)
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), bbox_transform=place, ncols=columns, **style)
     return ax
 
 

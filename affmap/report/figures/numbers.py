@@ -62,9 +62,14 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
     column = results.color.column if results.color.column in results.trainings else LAYOUT.column
     factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
     names = x_names_of(results, settings) if factor == results.x and isinstance(results.x_values[0], str) else {}
-    if column == factor.column:
-        panels.learning_curves(figure.add_subplot(cell), results.validation, paper, factor, names)
-        figure.axes[-1].set_title(f"A  Loss by {factor.label}", loc="left")
+    alone = column == results.color.column and results.validation[factor.column].nunique() == 1
+    if column == factor.column or (alone and results.color != LAYOUT):  # a panel for each curve would say no more
+        groups, factor = make_groups(results, settings), results.color if alone else factor
+        colors = {value: groups.palette[name] for value, name in groups.names.items()} if alone else None
+        ax = panels.learning_curves(
+            figure.add_subplot(cell), results.validation, paper, factor, groups.names if alone else names, colors
+        )
+        ax.set_title(f"A  Loss by {factor.label}", loc="left")
         return
     trained = set(results.validation[column])
     known = [*results.layouts, *results.color_values]
@@ -75,6 +80,8 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
         of_value = results.validation[results.validation[column] == value]
         panels.learning_curves(ax, of_value, paper, factor, names)
         ax.label_outer()
+        if ax not in grid[0]:
+            ax.set_ylabel("")
         if value != values[-1]:
             ax.get_legend().remove()
         if len(values) > 1:
