@@ -127,8 +127,7 @@ def code() -> str:
     """A digest of all files of the package: whatever may have a part in a drawing."""
     package = Path(__file__).parents[1]
     kinds = (".py", ".typ", ".html", ".js", ".css", ".md", ".mplstyle")
-    files = sorted(path for folder in package.iterdir() if folder.is_dir() for path in folder.rglob("*"))
-    read = (path.read_bytes() for path in files if path.suffix in kinds)
+    read = (path.read_bytes() for path in sorted(package.rglob("*")) if path.suffix in kinds)
     return hashlib.sha256(b"".join(read)).hexdigest()[:16]
 
 
