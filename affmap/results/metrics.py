@@ -35,8 +35,6 @@ class Metric(NamedTuple):
     """A difference that would not matter: small against those between context sizes."""
     stored: bool = False
     """Whether the table of a control stage has the column; its columns stay as they are, so new metrics are not."""
-    extra: bool = True
-    """Whether reports show the metric beside those that they show anyway: medians, and a panel of outcomes."""
 
 
 def _prediction_error(paths: Trajectories) -> Column:
@@ -82,40 +80,27 @@ def _final_spread(paths: Trajectories) -> Column:
 
 
 METRICS = {
-    "validation_nll": Metric(
-        "validation loss", "nats", "validation NLL (nats)", None, "median", margin=0.5, extra=False
-    ),
+    "validation_nll": Metric("validation loss", "nats", "validation NLL (nats)", statistic="median", margin=0.5),
     "prediction_error": Metric(
-        *("prediction error", "nats", "prediction error (nats)", _prediction_error, "median"),
+        "prediction error",
+        "nats",
+        "prediction error (nats)",
+        _prediction_error,
+        statistic="median",
         margin=0.5,
         stored=True,
-        extra=False,
     ),
     "mean_distance": Metric(
-        *("mean distance", "u", "mean distance to the goal (u)", _mean_distance),
-        margin=0.05,
-        stored=True,
-        extra=False,
+        "mean distance", "u", "mean distance to the goal (u)", _mean_distance, margin=0.05, stored=True
     ),
-    "reached": Metric(
-        *("reached", "share", "share of runs that reached the goal", _reached), margin=0.05, stored=True, extra=False
-    ),
-    "steps_to_reach": Metric("steps to reach", "steps", "steps to the goal", _steps_to_reach, stored=True, extra=False),
-    "success": Metric(
-        *("success", "share", "share of successful runs", _success), margin=0.05, stored=True, extra=False
-    ),
-    "steps_touching": Metric(
-        "steps touching", "steps", "steps touching a surface", _steps_touching, stored=True, extra=False
-    ),
-    "steps_in_fog": Metric("steps in fog", "steps", "steps in fog", _steps_in_fog, stored=True, extra=False),
-    "final_spread": Metric("final spread", "u", "spread at the end (u)", _final_spread, stored=True, extra=False),
+    "reached": Metric("reached", "share", "share of runs that reached the goal", _reached, margin=0.05, stored=True),
+    "steps_to_reach": Metric("steps to reach", "steps", "steps to the goal", _steps_to_reach, stored=True),
+    "success": Metric("success", "share", "share of successful runs", _success, margin=0.05, stored=True),
+    "steps_touching": Metric("steps touching", "steps", "steps touching a surface", _steps_touching, stored=True),
+    "steps_in_fog": Metric("steps in fog", "steps", "steps in fog", _steps_in_fog, stored=True),
+    "final_spread": Metric("final spread", "u", "spread at the end (u)", _final_spread, stored=True),
 }
 """Column -> metric, in the order of the table of runs."""
-
-
-def extra_metrics() -> list[str]:
-    """Columns that reports show beside those that they show anyway."""
-    return [column for column, metric in METRICS.items() if metric.extra]
 
 
 def stored_metrics() -> list[str]:
@@ -123,10 +108,14 @@ def stored_metrics() -> list[str]:
     return [column for column, metric in METRICS.items() if metric.stored]
 
 
+def extra_metrics() -> list[str]:
+    """Columns of metrics that no table has stored; reports show them beside those that they show anyway."""
+    return [column for column, metric in METRICS.items() if metric.of_runs and not metric.stored]
+
+
 def run_metrics() -> list[str]:
     """Columns of all metrics of runs, those of the table of a control stage first."""
-    later = [column for column, metric in METRICS.items() if metric.of_runs and not metric.stored]
-    return [*stored_metrics(), *later]
+    return [*stored_metrics(), *extra_metrics()]
 
 
 PLACES: dict[str, Callable[[Trajectories], Column]] = {

@@ -16,7 +16,7 @@ from affmap.env.layout import Layout
 from affmap.results import files
 from affmap.results.design import Design
 from affmap.results.files import VALIDATION_COLUMNS, WORLD_COLUMNS, Exploration, Maps, Trajectories
-from affmap.results.metrics import PLACES, run_metrics, stored_metrics, summarise
+from affmap.results.metrics import PLACES, extra_metrics, run_metrics, stored_metrics, summarise
 from affmap.results.setting import (
     FACTORS,
     STAGES,
@@ -185,8 +185,7 @@ def _read_runs(folder: Path) -> pd.DataFrame:
     table = files.read_runs(folder, [*before, *after])
     if lacking := [column for column in run_metrics() if column not in table]:
         table = table.join(summarise(files.read_trajectories([folder]), lacking).round(6))  # as stored ones
-    later = [column for column in run_metrics() if column not in stored_metrics()]
-    return table[[*before, *stored_metrics(), *after, *later]].astype({"steps_to_reach": "Int64"})
+    return table[[*before, *stored_metrics(), *after, *extra_metrics()]].astype({"steps_to_reach": "Int64"})
 
 
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:
