@@ -21,7 +21,7 @@ from affmap.settings import ConfigError
 
 SCALE = 300  # pixels a unit
 PANEL, MARGIN, FOOT = 330, 14, 34  # pixels
-GREY, LIGHT, POSITIVE, NEGATIVE = (110, 110, 110), (225, 225, 225), (0, 114, 178), (213, 94, 0)
+GREY, POSITIVE, NEGATIVE = (110, 110, 110), (0, 114, 178), (213, 94, 0)
 
 ARROWS = {
     pygame.K_RIGHT: (1, 0),
