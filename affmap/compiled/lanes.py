@@ -1,0 +1,259 @@
+"""Vectors of eight floats for compiled loops: arithmetic, memory, and the few functions that models need.
+
+A `Lanes` stands for a register of the processor. Loops that are written with it are as fast as the processor allows,
+whereas loops over numbers are only if the compiler finds out how to vectorise them. NaN and infinity stay what they
+are.
+"""
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from affmap.compiled.jit import inlined
+
+WIDTH = 8
+"""Floats of a vector."""
+
+_FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+_INTS = ir.VectorType(ir.IntType(32), WIDTH)
+
+
+class LanesType(types.Type):
+    """The type of a vector in compiled code; outside of it there are none."""
+
+    def __init__(self) -> None:
+        """Name it."""
+        super().__init__("Lanes")
+
+
+Lanes = LanesType()
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: LanesType) -> None:
+        super().__init__(manager, kind, _FLOATS)
+
+
+def _register(symbol: Callable[..., Any], instruction: str) -> None:
+    """Give an operator of Python a meaning for two vectors."""
+
+    @infer_global(symbol)
+    class _Signature(ConcreteTemplate):
+        cases = [signature(Lanes, Lanes, Lanes)]
+
+    @lower_builtin(symbol, Lanes, Lanes)
+    def _lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return getattr(builder, instruction)(*args)
+
+
+for _symbol, _instruction in {
+    operator.add: "fadd",
+    operator.sub: "fsub",
+    operator.mul: "fmul",
+    operator.truediv: "fdiv",
+}.items():
+    _register(_symbol, _instruction)
+
+
+def _constant(kind: ir.VectorType, value: float) -> ir.Constant:
+    return ir.Constant(kind, [value] * WIDTH)
+
+
+def _call(builder: Any, name: str, *args: Any) -> Any:
+    """Call an intrinsic function of LLVM on vectors."""
+    kind = ir.FunctionType(_FLOATS, [_FLOATS] * len(args))
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f32"), args)
+
+
+def _place(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
+    """The address of eight neighbours in a flat array."""
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), _FLOATS.as_pointer())
+
+
+@intrinsic
+def splat(typing: Any, number: Any) -> Any:
+    """The vector of eight times the same number (float32)."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        single = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), args[0], ir.Constant(ir.IntType(32), 0))
+        return builder.shuffle_vector(single, single, ir.Constant(_INTS, [0] * WIDTH))
+
+    return Lanes(types.float32), lower
+
+
+@intrinsic
+def load(typing: Any, array: Any, index: Any) -> Any:
+    """Eight neighbours in a flat array of float32, from `index` on; nothing checks that they are there."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.load(_place(context, builder, sig.args[0], *args), align=4)
+
+    return Lanes(array, types.intp), lower
+
+
+@intrinsic
+def store(typing: Any, array: Any, index: Any, lanes: Any) -> Any:
+    """Write a vector into a flat array of float32, from `index` on; nothing checks that there is room."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        array, index, value = args
+        builder.store(value, _place(context, builder, sig.args[0], array, index), align=4)
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp, Lanes), lower
+
+
+@intrinsic
+def store_totals(typing: Any, array: Any, index: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Write the sums over each of four vectors into a flat array of float32, from `index` on."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def fold(one: Any, other: Any, first: list[int], second: list[int]) -> Any:
+            masks = (ir.Constant(ir.VectorType(ir.IntType(32), len(places)), places) for places in (first, second))
+            return builder.fadd(*(builder.shuffle_vector(one, other, mask) for mask in masks))
+
+        array, index, a, b, c, d = args
+        even, odd = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
+        low, high = fold(a, b, even, odd), fold(c, d, even, odd)
+        both = fold(low, high, [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15])
+        totals = fold(both, both, [0, 1, 2, 3], [4, 5, 6, 7])
+        place = _place(context, builder, sig.args[0], array, index)
+        builder.store(totals, builder.bitcast(place, totals.type.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp, Lanes, Lanes, Lanes, Lanes), lower
+
+
+@intrinsic
+def fma(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return a * b + c, rounded once."""
+    return Lanes(Lanes, Lanes, Lanes), lambda context, builder, sig, args: _call(builder, "fma", *args)
+
+
+@intrinsic
+def rounded(typing: Any, lanes: Any) -> Any:
+    """The nearest whole numbers."""
+    return Lanes(Lanes), lambda context, builder, sig, args: _call(builder, "rint", *args)
+
+
+@intrinsic
+def floor(typing: Any, lanes: Any) -> Any:
+    """The next whole numbers below."""
+    return Lanes(Lanes), lambda context, builder, sig, args: _call(builder, "floor", *args)
+
+
+@intrinsic
+def root(typing: Any, lanes: Any) -> Any:
+    """Square roots."""
+    return Lanes(Lanes), lambda context, builder, sig, args: _call(builder, "sqrt", *args)
+
+
+@intrinsic
+def at_most(typing: Any, lanes: Any, limit: Any) -> Any:
+    """The smaller of a number and a limit; NaN stays NaN."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        value, limit = args
+        return builder.select(builder.fcmp_ordered("<", limit, value), limit, value)
+
+    return Lanes(Lanes, Lanes), lower
+
+
+@intrinsic
+def at_least(typing: Any, lanes: Any, limit: Any) -> Any:
+    """The larger of a number and a limit; NaN stays NaN."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        value, limit = args
+        return builder.select(builder.fcmp_ordered(">", limit, value), limit, value)
+
+    return Lanes(Lanes, Lanes), lower
+
+
+@intrinsic
+def where_less(typing: Any, a: Any, b: Any, then: Any, otherwise: Any) -> Any:
+    """`then` where a < b, elsewhere (and where one is NaN) `otherwise`."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        a, b, then, otherwise = args
+        return builder.select(builder.fcmp_ordered("<", a, b), then, otherwise)
+
+    return Lanes(Lanes, Lanes, Lanes, Lanes), lower
+
+
+@intrinsic
+def _power_of_two(typing: Any, exponent: Any) -> Any:
+    """2 to the power of whole numbers from -127 (which gives 0) to 128 (infinity), by writing the exponent's bits."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        biased = builder.add(builder.fptosi(args[0], _INTS), _constant(_INTS, 127))
+        return builder.bitcast(builder.shl(biased, _constant(_INTS, 23)), _FLOATS)
+
+    return Lanes(Lanes), lower
+
+
+@intrinsic
+def _exponent(typing: Any, lanes: Any) -> Any:
+    """Return k of x = 2^k m with m in [sqrt(1/2), sqrt(2)), from the bits of x."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        above = builder.sub(builder.bitcast(args[0], _INTS), _constant(_INTS, 0x3F3504F3))  # bits of sqrt(1/2)
+        return builder.sitofp(builder.ashr(above, _constant(_INTS, 23)), _FLOATS)
+
+    return Lanes(Lanes), lower
+
+
+@intrinsic
+def _mantissa(typing: Any, lanes: Any, exponent: Any) -> Any:
+    """Return m of x = 2^k m, for x and k."""
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        shift = builder.shl(builder.fptosi(args[1], _INTS), _constant(_INTS, 23))
+        return builder.bitcast(builder.sub(builder.bitcast(args[0], _INTS), shift), _FLOATS)
+
+    return Lanes(Lanes, Lanes), lower
+
+
+@inlined
+def exp2(x: Any) -> Any:
+    """2 to the power of each number, to 1e-7 of it; 0 below 2^-127."""
+    x = at_least(at_most(x, splat(np.float32(128))), splat(np.float32(-127)))
+    whole = rounded(x)
+    part = x - whole
+    # Minimax polynomial on [-1/2, 1/2].
+    result = splat(np.float32(1.3276466800e-03))
+    result = fma(result, part, splat(np.float32(9.6755412930e-03)))
+    result = fma(result, part, splat(np.float32(5.5507132896e-02)))
+    result = fma(result, part, splat(np.float32(2.4022119725e-01)))
+    result = fma(result, part, splat(np.float32(6.9314696705e-01)))
+    result = fma(result, part, splat(np.float32(1.0)))
+    return result * _power_of_two(whole)
+
+
+@inlined
+def log(x: Any) -> Any:
+    """Natural logarithms, to 1e-7; minus infinity below the smallest normal number."""
+    exponent = _exponent(x)
+    f = _mantissa(x, exponent) - splat(np.float32(1))
+    # (log(1 + f) - f + f^2 / 2) / f^3, minimax polynomial on [sqrt(1/2) - 1, sqrt(2) - 1].
+    result = splat(np.float32(-7.8595458752e-02))
+    result = fma(result, f, splat(np.float32(1.2881622394e-01)))
+    result = fma(result, f, splat(np.float32(-1.3128767629e-01)))
+    result = fma(result, f, splat(np.float32(1.4181196114e-01)))
+    result = fma(result, f, splat(np.float32(-1.6624553145e-01)))
+    result = fma(result, f, splat(np.float32(2.0002286084e-01)))
+    result = fma(result, f, splat(np.float32(-2.5000810428e-01)))
+    result = fma(result, f, splat(np.float32(3.3333316727e-01)))
+    square = f * f
+    result = fma(result * f, square, fma(square, splat(np.float32(-0.5)), f))
+    result = fma(exponent, splat(np.float32(0.6931471805599453)), result)
+    tiny = splat(np.float32(1.1754944e-38))
+    return where_less(x, tiny, splat(np.float32(-np.inf)), result)
