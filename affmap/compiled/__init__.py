@@ -1,13 +1,26 @@
 """Compiled loops over NumPy arrays (numba): where the time goes, without the time between PyTorch's calls.
 
-Each has its reference elsewhere, in PyTorch or NumPy, which is used where numba is not installed.
+Each has its reference elsewhere, in PyTorch or NumPy, which takes its place where numba is not installed, and in a
+process that has switched them off.
 """
 
 from functools import cache
 from importlib.util import find_spec
 
+_wanted = True
+
+
+def use(wanted: bool) -> None:
+    """Switch the compiled loops of this process on (where numba is installed) or off."""
+    global _wanted
+    _wanted = wanted
+
+
+def enabled() -> bool:
+    """Whether compiled loops are to be used: numba is installed, and nobody has switched them off."""
+    return _wanted and _installed()
+
 
 @cache
-def available() -> bool:
-    """Whether numba is installed."""
+def _installed() -> bool:
     return find_spec("numba") is not None
