@@ -1,0 +1,83 @@
+"""Views from compiled code against those of NumPy and PyTorch, bit for bit."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from affmap import compiled
+from affmap.view import EXTENT, PIXELS, Map, view
+
+pytest.importorskip("numba")
+from affmap.compiled.views import cut_packed
+
+quick = settings(max_examples=200, deadline=None, derandomize=True)
+
+# Whole numbers of half pixels: centres of pixels lie on borders and rims, where the last bit decides.
+lattice = st.integers(-30, 60).map(lambda number: number * EXTENT / PIXELS / 2)
+anywhere = st.floats(-1, 3, allow_nan=False)
+number = st.one_of(lattice, anywhere)
+strange = st.sampled_from([np.nan, np.inf, -np.inf, 1e20, -1e20, 1e-30])
+
+
+@st.composite
+def worlds(draw: st.DrawFn) -> Map:
+    num_channels = draw(st.integers(1, 3))
+    channels = st.integers(0, num_channels - 1)
+    circle = st.tuples(number, number, st.one_of(lattice.map(abs), st.floats(0.01, 1)), channels)
+    return Map((draw(st.floats(0.2, 2)), 1.0), num_channels, draw(channels), tuple(draw(st.lists(circle, max_size=5))))
+
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Without compiled loops."""
+    compiled.use(False)
+    try:
+        yield
+    finally:
+        compiled.use(True)
+
+
+@quick
+@given(
+    worlds(),
+    st.lists(st.tuples(st.one_of(number, strange), st.one_of(number, strange)), min_size=1, max_size=8),
+    st.sampled_from([np.float32, np.float64]),
+)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # NumPy's, of infinite numbers
+def test_views_are_those_of_numpy_and_torch(world: Map, places: list[tuple[float, float]], dtype: type) -> None:
+    """Arrays and tensors in both precisions, rims and borders on the centres of pixels, and places that are none."""
+    positions = np.array(places, dtype)
+    with interpreted():
+        expected = view(world, positions)
+        np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
+    found = view(world, positions)
+    assert found.dtype == np.bool_ and found.shape == expected.shape
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
+    words = np.empty((len(positions), -(-world.num_channels * 121 // 64)), np.uint64)
+    cut_packed(positions, *world.scenes[positions.dtype], world.num_channels, words)
+    bits = np.unpackbits(words.view(np.uint8), axis=-1, count=world.num_channels * 121, bitorder="little")
+    np.testing.assert_array_equal(bits, expected.reshape(len(positions), -1))
+
+
+def test_every_kind_of_array_is_taken() -> None:
+    """Read-only, in another order, of another library, with a gradient, of a type that is not compiled: NumPy's."""
+    world = Map((3.0, 2.0), 2, 0, ((1.0, 1.0, 0.4, 1),))
+    positions = np.random.default_rng(0).uniform([0.5, 0.5], [1.5, 1.5], (3, 4, 2)).astype(np.float32)
+    fixed = positions.copy()
+    fixed.flags.writeable = False
+    with interpreted():
+        expected = view(world, positions)
+    np.testing.assert_array_equal(view(world, fixed), expected)
+    np.testing.assert_array_equal(view(world, np.asfortranarray(positions)), expected)
+    np.testing.assert_array_equal(view(world, positions.astype(">f4")), expected)
+    tensor = torch.from_numpy(positions)
+    np.testing.assert_array_equal(view(world, tensor.clone().requires_grad_()).numpy(), expected)
+    np.testing.assert_array_equal(view(world, tensor.transpose(0, 1)).numpy(), expected.swapaxes(0, 1))
+    for dtype in (torch.float16, torch.bfloat16):
+        assert view(world, tensor.to(dtype)).shape == expected.shape
