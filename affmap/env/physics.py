@@ -5,13 +5,12 @@ one, because a Box2D world that bodies were removed from is not the world it was
 """
 
 import math
-from collections import Counter
 
 import Box2D
 import numpy as np
 
 from affmap.env.body import THROTTLES, Vehicle
-from affmap.env.effects import PULLS
+from affmap.env.effects import EFFECTS, PULLS
 from affmap.env.layout import Layout
 
 
@@ -47,12 +46,12 @@ class Physics:
     @property
     def position(self) -> np.ndarray:
         """Centre of the vehicle, `[2]` in u."""
-        return np.array(self._body.position)
+        return np.array(self._body.position.tuple)
 
     @property
     def velocity(self) -> np.ndarray:
         """`[2]` in u per step."""
-        return np.array(self._body.linearVelocity) * self.vehicle.time_step_s
+        return np.array(self._body.linearVelocity.tuple) * self.vehicle.time_step_s
 
     def step(self, action: np.ndarray) -> None:
         """Apply the throttles `action` `[4]`, each in [0, 1], for one time step.
@@ -63,7 +62,8 @@ class Physics:
         effects = self._effects
         force = vehicle.thrust * action @ THROTTLES
         for effect, direction in PULLS.items():
-            force = force + effects[effect] * vehicle.force * np.array(direction)
+            if effects[effect]:
+                force = force + effects[effect] * vehicle.force * np.array(direction)
         self._body.linearDamping = vehicle.contact_damping if effects["obstacle"] else vehicle.damping
         self._body.ApplyForceToCenter((float(force[0]), float(force[1])), True)
         self._world.Step(vehicle.time_step_s, vehicle.velocity_iterations, vehicle.position_iterations)
@@ -73,7 +73,10 @@ class Physics:
         """Count how many things of each effect the vehicle touches or is inside of, at its present place."""
         # Box2D finds contacts at the beginning of a step; one that takes no time finds those of now and moves nothing.
         self._world.Step(0.0, self.vehicle.velocity_iterations, self.vehicle.position_iterations)
-        touched = [edge.contact for edge in self._body.contacts if edge.contact.touching]
-        # Which of the two fixtures is the vehicle's (it has no effect) is Box2D's choice.
-        self._effects = Counter(contact.fixtureA.userData or contact.fixtureB.userData for contact in touched)
-        self.touching, self.in_fog = self._effects["obstacle"] > 0, self._effects["fog"] > 0
+        effects = self._effects = dict.fromkeys(EFFECTS, 0)
+        for edge in self._body.contacts:
+            contact = edge.contact
+            if contact.touching:
+                # Which of the two fixtures is the vehicle's (it has no effect) is Box2D's choice.
+                effects[contact.fixtureA.userData or contact.fixtureB.userData] += 1
+        self.touching, self.in_fog = effects["obstacle"] > 0, effects["fog"] > 0
