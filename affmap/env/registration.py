@@ -10,7 +10,7 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
-ENTRY_POINT = "affmap.env.vehicle:VehicleEnv"
+ENTRY_POINT, VECTOR_ENTRY_POINT = "affmap.env.vehicle:VehicleEnv", "affmap.env.vector:VehicleVectorEnv"
 MAX_EPISODE_STEPS = 200
 
 
@@ -20,7 +20,13 @@ def register() -> None:
 
     for name, arguments in environments().items():
         if name not in gymnasium.registry:
-            gymnasium.register(name, ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs=arguments)
+            gymnasium.register(
+                name,
+                ENTRY_POINT,
+                vector_entry_point=VECTOR_ENTRY_POINT,
+                max_episode_steps=MAX_EPISODE_STEPS,
+                kwargs=arguments,
+            )
 
 
 def environments() -> dict[str, dict[str, str]]:

@@ -83,7 +83,7 @@ def physics_stepper() -> Callable[[], None]:
 
 def vector_stepper(name: str) -> Callable[[], None]:
     """A call makes `STEPS` steps, all environments of a vector counted."""
-    envs = gymnasium.make_vec(name, num_envs=NUM_ENVS, vectorization_mode="sync")
+    envs = gymnasium.make_vec(name, num_envs=NUM_ENVS)
     envs.action_space.seed(0)
     actions = [envs.action_space.sample() for _ in range(STEPS // NUM_ENVS)]
 
