@@ -1,4 +1,4 @@
-"""Views painted in compiled code, pixel by pixel: as bytes for environments and networks, as bits to look up.
+"""Views painted in compiled code, pixel by pixel.
 
 The reference is `affmap.view`: the same comparisons in the same precision, so that all pixels are equal. A scene
 is what `affmap.view.Scene` holds, all of its numbers in the precision of the positions.
@@ -16,7 +16,7 @@ def _least_square(first: np.floating, last: np.floating) -> np.floating:
 
 
 @inlined
-def _paint(
+def paint(
     position: np.ndarray,
     offsets: np.ndarray,
     size: np.ndarray,
@@ -71,33 +71,8 @@ def cut(
     """Cut out the views at `positions` `[P, 2]` (u) of a scene into `views` `[P, K, 11, 11]` bool."""
     squares, rows = np.empty_like(offsets), np.empty(views.shape[1:3], np.uint64)
     for place in range(len(positions)):
-        _paint(positions[place], offsets, size, border_channel, circles, channels, squares, rows)
+        paint(positions[place], offsets, size, border_channel, circles, channels, squares, rows)
         for channel in range(views.shape[1]):
             for row in range(views.shape[2]):
                 for column in range(views.shape[3]):
                     views[place, channel, row, column] = rows[channel, row] >> np.uint64(column) & np.uint64(1)
-
-
-@compiled
-def cut_packed(
-    positions: np.ndarray,
-    offsets: np.ndarray,
-    size: np.ndarray,
-    border_channel: int,
-    circles: np.ndarray,
-    channels: np.ndarray,
-    num_channels: int,
-    words: np.ndarray,
-) -> None:
-    """Cut out the same views as bits: pixel n of a view is bit n % 64 of its word n // 64, in `words` `[P, W]`."""
-    pixels = len(offsets)
-    squares, rows = np.empty_like(offsets), np.empty((num_channels, pixels), np.uint64)
-    words[:] = 0
-    for place in range(len(positions)):
-        _paint(positions[place], offsets, size, border_channel, circles, channels, squares, rows)
-        for row in range(num_channels * pixels):
-            word, shift = divmod(row * pixels, 64)
-            bits = rows[row // pixels, row % pixels]
-            words[place, word] |= bits << np.uint64(shift)
-            if shift + pixels > 64:
-                words[place, word + 1] |= bits >> np.uint64(64 - shift)

@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from affmap.model.code_cache import CachedEncoder
+from affmap.model.direct import DirectEncoder
 from affmap.model.palette import Palette
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
@@ -78,10 +79,13 @@ class ExactLookup:
 
     def __init__(self, stack: Stack, worlds: Sequence[Map]) -> None:
         """Look up codes of `stack` in one world, or in B, one for each problem."""
-        self._codes, self._worlds = CachedEncoder(stack), worlds
+        self._direct, self._codes, self._worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
+        codes = self._direct(self._worlds, positions)
+        if codes is not None:
+            return codes
         places = inside(positions, positions.new_tensor(self._worlds[0].size))
         if len(self._worlds) > 1:
             places = by_world(places, len(self._worlds))

@@ -116,11 +116,14 @@ class VisionModel(nn.Module):
         """Codes of the D distinct views, `[M, C, D]`."""
         features = _take(self._window_features(windows), windows.window_ids.T).flatten(1, 2)  # [M, 16 q, D]
         # On 4 x 4 inputs the second convolution is one product with a dense matrix [M, 8 q, 16 q].
-        dense = (self.conv2_weight.flatten(-2) @ self.placement).unflatten(-1, (PER_SIDE**2, 4))  # [M, 2 q, q, 16, 4]
-        dense = dense.permute(0, 1, 4, 2, 3).reshape(len(features), -1, features.shape[1])
+        dense = self.dense_convolution().permute(0, 1, 4, 2, 3).reshape(len(features), -1, features.shape[1])
         bias = self.conv2_bias.repeat_interleave(4, dim=1)[..., None]
         hidden = tanh(torch.baddbmm(bias, dense, features).mT)  # [M, D, 8 q]
         return tanh(self.linear2(tanh(self.linear1(hidden)))).mT
+
+    def dense_convolution(self) -> Tensor:
+        """The second convolution's weight from each of 4 x 4 inputs to each of 2 x 2 outputs: `[M, 2 q, q, 16, 4]`."""
+        return (self.conv2_weight.flatten(-2) @ self.placement).unflatten(-1, (PER_SIDE**2, 4))
 
     def _window_features(self, windows: Windows) -> Tensor:
         """First convolution, pooling and tanh on each of the U distinct windows: `[M, q, U]`.

@@ -1,19 +1,15 @@
 """Views from compiled code against those of NumPy and PyTorch, bit for bit."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from interpreted import interpreted
 
-from affmap import compiled
 from affmap.view import EXTENT, PIXELS, Map, view
 
 pytest.importorskip("numba")
-from affmap.compiled.views import cut_packed
 
 quick = settings(max_examples=200, deadline=None, derandomize=True)
 
@@ -30,16 +26,6 @@ def worlds(draw: st.DrawFn) -> Map:
     channels = st.integers(0, num_channels - 1)
     circle = st.tuples(number, number, st.one_of(lattice.map(abs), st.floats(0.01, 1)), channels)
     return Map((draw(st.floats(0.2, 2)), 1.0), num_channels, draw(channels), tuple(draw(st.lists(circle, max_size=5))))
-
-
-@contextmanager
-def interpreted() -> Iterator[None]:
-    """Without compiled loops."""
-    compiled.use(False)
-    try:
-        yield
-    finally:
-        compiled.use(True)
 
 
 @quick
@@ -59,10 +45,6 @@ def test_views_are_those_of_numpy_and_torch(world: Map, places: list[tuple[float
     assert found.dtype == np.bool_ and found.shape == expected.shape
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
-    words = np.empty((len(positions), -(-world.num_channels * 121 // 64)), np.uint64)
-    cut_packed(positions, *world.scenes[positions.dtype], world.num_channels, words)
-    bits = np.unpackbits(words.view(np.uint8), axis=-1, count=world.num_channels * 121, bitorder="little")
-    np.testing.assert_array_equal(bits, expected.reshape(len(positions), -1))
 
 
 def test_every_kind_of_array_is_taken() -> None:

@@ -1,0 +1,98 @@
+"""Position -> context code in one pass of compiled code, which needs no memory of views. Knows a vision model."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from affmap.model.stack import Stack
+from affmap.model.vision import VisionModel
+from affmap.view import Map, for_compiled
+
+
+class Weights(NamedTuple):
+    """A vision model as compiled code wants it, float32; q and h as in `affmap.model.vision.Sizes`.
+
+    Outputs of a layer are last, with zeros up to a multiple of 8.
+    """
+
+    pictures: np.ndarray
+    """`[M, K * 512, 8]`, what the first convolution makes of 3 x 3 pixels, bias included."""
+    weight2: np.ndarray
+    """`[M, 16 * q, 8 * q]`, the second convolution as one product; inputs are in the order of windows."""
+    bias2: np.ndarray
+    """`[M, 8 * q]`"""
+    weight3: np.ndarray
+    """`[M, 8 * q, h]`"""
+    bias3: np.ndarray
+    """`[M, h]`"""
+    weight4: np.ndarray
+    """`[M, h, C]`"""
+    bias4: np.ndarray
+    """`[M, C]`"""
+
+    @classmethod
+    def of(cls, vision: VisionModel) -> "Weights":
+        """Those of a vision model."""
+        from affmap.compiled.vision import PICTURES
+
+        pixels = (torch.arange(PICTURES)[:, None] >> torch.arange(9) & 1).float()
+        pictures = pixels @ vision.conv1_weight.flatten(-2).permute(0, 2, 3, 1)  # [M, K, 512, q]
+        pictures[:, 0] += vision.conv1_bias[:, None]
+        parts = (
+            pictures.flatten(1, 2),
+            vision.dense_convolution().permute(0, 3, 2, 1, 4).flatten(3).flatten(1, 2),
+            vision.conv2_bias.repeat_interleave(4, dim=1),
+            vision.linear1.weight,
+            vision.linear1.bias,
+            vision.linear2.weight,
+            vision.linear2.bias,
+        )
+        return cls(*(pad(part, (0, -part.shape[-1] % 8)).contiguous().numpy() for part in parts))
+
+    def member(self, number: int) -> "Weights":
+        """Those of a single member, with the leading axis."""
+        return Weights(*(part[number, None] for part in self))
+
+
+class DirectEncoder:
+    """Context codes of the views at positions, by the present weights of a stack on the CPU."""
+
+    def __init__(self, stack: Stack) -> None:
+        """Encode with `stack`."""
+        self._stack = stack
+        self._parameters = list(stack.vision.parameters()) if stack.vision else []
+        self._version = -1
+
+    @torch.no_grad()
+    def __call__(self, worlds: Sequence[Map], positions: Tensor) -> Tensor | None:
+        """Codes at `positions` `[M, ..., 2]` (u) in one world, or in B, member-major: `[M, ..., C]`.
+
+        None where it takes PyTorch.
+        """
+        places, vision, num_members = for_compiled(positions), self._stack.vision, len(self._stack.seeds)
+        if places is None or vision is None or len(positions) != num_members or not self._readable():
+            return None
+        version = sum(weight._version for weight in self._parameters)
+        if version != self._version:
+            self._weights, self._version = Weights.of(vision), version
+        from affmap.compiled.vision import codes_at
+
+        scenes = [world.scenes[places.dtype] for world in worlds]
+        num_groups = num_members if len(scenes) == 1 else len(scenes)
+        places = places.reshape(num_groups, len(places) // num_groups, 2)
+        codes = np.empty((*places.shape[:2], self._stack.context_size), np.float32)
+        if len(scenes) == 1:
+            codes_at(*scenes[0], *self._weights, places, codes)
+        else:
+            for number, scene in enumerate(scenes):
+                weights = self._weights.member(number * num_members // num_groups)
+                codes_at(*scene, *weights, places[number, None], codes[number, None])
+        return torch.from_numpy(codes.reshape(*positions.shape[:-1], codes.shape[2]))
+
+    def _readable(self) -> bool:
+        """Whether compiled code can read the weights."""
+        return all(weight.device.type == "cpu" and weight.dtype == torch.float32 for weight in self._parameters)
