@@ -76,7 +76,7 @@ def _pool(
 
 
 @inlined
-def _encode(
+def encode(
     rows: np.ndarray,
     pictures: np.ndarray,
     weight2: np.ndarray,
@@ -139,6 +139,6 @@ def codes_at(
                 elif place[axis] > size[axis]:
                     place[axis] = size[axis]
             paint(place, offsets, size, border_channel, circles, channels, squares, rows)
-            _encode(rows, flat, flat2, own2, flat3, own3, flat4, own4, convolved, features, hidden2, hidden3, code)
+            encode(rows, flat, flat2, own2, flat3, own3, flat4, own4, convolved, features, hidden2, hidden3, code)
             for component in range(codes.shape[2]):
                 codes[member, number, component] = code[component]

@@ -9,8 +9,11 @@ because equal pixels have equal features.
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from affmap import compiled
 
 WIDTH, STRIDE, PER_SIDE = 5, 2, 4
 """Pixels of a window's side, pixels between windows, windows along a view's side."""
@@ -62,8 +65,23 @@ def distinct(pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Find the distinct rows of `pixels` `[n, k]` bool.
 
     Returns:
-        Where one of each kind stands, `[D]`, and which kind each row is, `[n]`.
+        Where one of each kind stands, `[D]`, and which kind each row is, `[n]`; kinds are in the order of their pixels.
     """
+    if not compiled.enabled() or pixels.device.type != "cpu":
+        return _sort(pixels)
+    from affmap.compiled.distinct import number_rows
+
+    num_rows, num_pixels = pixels.shape
+    table = np.full(2 ** (2 * num_rows).bit_length(), -1, np.int32)
+    first, ids = np.empty((2, num_rows), np.int64)
+    words = np.empty((num_rows, math.ceil(num_pixels / 64)), np.uint64)
+    count = number_rows(pixels.contiguous().numpy(), table, words, first, ids)
+    some, order = _sort(pixels[first[:count]])  # these are few
+    return torch.from_numpy(first)[some], order[ids]
+
+
+def _sort(pixels: Tensor) -> tuple[Tensor, Tensor]:
+    """As `distinct`, by PyTorch."""
     ids = kinds = torch.zeros(len(pixels), dtype=torch.int64, device=pixels.device)
     for word in words(pixels).long().unbind(-1):  # one number after the other: many times as fast as `dim=0`
         kinds, ids = torch.unique((ids << _BITS) | word, return_inverse=True)
