@@ -24,6 +24,7 @@ from tables import plain_table
 from workloads import FULL, TOY, Scale, batches, first_observation, fly, generators, make_agent, synchronize
 
 from affmap.config.root import Config
+from affmap.control.agent import Agent
 from affmap.data.batches import Batch
 
 EXPERIMENT = "exp5"
@@ -157,14 +158,15 @@ def planning(scale: Scale, watch: Stopwatch) -> list[Timing]:
 
 def control(scale: Scale, device: str) -> list[Timing]:
     """Steps of flights by either planner: plans, and environments on the CPU."""
-    timings = []
-    for planner in ("cem", "gradient"):
-        ends: list[float] = []
-        agent = make_agent(scale, scale.runs[0], planner, device)
-        fly(agent, lambda _, ends=ends: ends.append(time.perf_counter()))
-        num_steps = len(ends) - 1  # the first one warmed up
-        timings.append(Timing("control", planner, "step of each", (ends[-1] - ends[0]) / num_steps, num_steps))
-    return timings
+    planners = ("cem", "gradient")
+    return [_flight(planner, make_agent(scale, scale.runs[0], planner, device)) for planner in planners]
+
+
+def _flight(planner: str, agent: Agent) -> Timing:
+    ends: list[float] = []
+    fly(agent, lambda _: ends.append(time.perf_counter()))
+    num_steps = len(ends) - 1  # the first one warmed up
+    return Timing("control", planner, "step of each", (ends[-1] - ends[0]) / num_steps, num_steps)
 
 
 def whole_paper(jobs: Sequence[Config], timings: Sequence[Timing]) -> list[Timing]:
