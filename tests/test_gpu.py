@@ -12,6 +12,9 @@ import pandas as pd
 import pytest
 import torch
 
+from affmap.control.agent import Agent, Observation
+from affmap.model.lookup import AffordanceMap
+
 FOLDER = Path(__file__).parent / "benchmarks"
 REFERENCE = FOLDER.parents[1] / "runs" / "reference" / "store" / "train"
 SIZES = [0, 1, 3, 5, 8, 16, 32]
@@ -143,6 +146,18 @@ def test_an_update_waits_for_nothing(
     assert all(parameter.grad.is_meta for parameter in training.module.parameters())
     with pytest.raises((RuntimeError, NotImplementedError)):
         training.nll.sum().item()
+
+
+def test_a_plan_stays_on_its_device(load: Any) -> None:
+    """A whole search by the cross-entropy method on tensors without values, as above; random numbers come from NumPy."""
+    workloads = load("workloads")
+    agent = workloads.make_agent(workloads.TOY, 2, "cem", "cpu")
+    start = Observation(*(part.to("meta") for part in workloads.first_observation(agent)))
+    painted = AffordanceMap(agent.lookup.codes.to("meta"), agent.lookup.worlds)
+    moved = Agent(agent.stack.to("meta"), painted, agent.planner, agent.settings)
+    objective, state = moved.objective(start), agent.planner.initial(4, "meta")
+    plan, _ = agent.planner.plan(objective, state, workloads.generators(agent))
+    assert plan.actions.is_meta and plan.cost.shape == (4,)
 
 
 def test_a_graph_is_warmed_up_and_captured_on_its_own_stream(
