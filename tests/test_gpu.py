@@ -149,7 +149,7 @@ def test_an_update_waits_for_nothing(
 
 
 def test_a_plan_stays_on_its_device(load: Any) -> None:
-    """A whole search by the cross-entropy method on tensors without values, as above; random numbers come from NumPy."""
+    """A whole search by the cross-entropy method on tensors without values; NumPy draws its random numbers."""
     workloads = load("workloads")
     agent = workloads.make_agent(workloads.TOY, 2, "cem", "cpu")
     start = Observation(*(part.to("meta") for part in workloads.first_observation(agent)))
