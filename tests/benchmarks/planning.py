@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from statistics import mean
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from measure import Contender, Result, compare
 from peers import SETTINGS, Peer, Plan, available
 
 from affmap.config import sweep
-from affmap.config.root import Config
 from affmap.control.agent import Agent, ControlSettings, Observation
+from affmap.env.body import Vehicle
+from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, make_lookup
 from affmap.model.stack import Stack
@@ -80,21 +80,19 @@ def reference() -> Agents:
         raise FileNotFoundError(f"{config.reference} holds no models of this configuration; the benchmark plans them.")
     stack = restore(Stack(config.model, len(config.channels), config.seeds), trained / WEIGHTS)
     stack.requires_grad_(False)
-    return Agents(
-        stack, make_lookup(config.lookup, stack, [config.control_layout.map]), _starts(config), config.control
-    )
+    seen = starts(config.control_layout, config.vehicle, config.control, config.seeds)
+    return Agents(stack, make_lookup(config.lookup, stack, [config.control_layout.map]), seen, config.control)
 
 
-def _starts(config: Config) -> Observation:
-    """Starts and goals as `affmap.control.episodes.control` draws them."""
-    env = VehicleEnv(config.control_layout, config.vehicle, config.control.goal_radius)
+def starts(layout: Layout, vehicle: Vehicle, settings: ControlSettings, seeds: Sequence[int]) -> Observation:
+    """Starts and goals as `affmap.control.episodes.control` draws them, as its agents see them."""
+    env = VehicleEnv(layout, vehicle, settings.goal_radius)
     observations = [
         env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})[0]
-        for seed in config.seeds
-        for run in range(config.control.runs_per_member)
+        for seed in seeds
+        for run in range(settings.runs_per_member)
     ]
-    parts = {key: torch.from_numpy(np.stack([seen[key] for seen in observations])) for key in observations[0]}
-    return Observation(**parts | {"view": parts["view"].bool()})
+    return Observation.of(observations, settings.device)
 
 
 def _ours(objective: Objective, num_agents: int) -> Plan:
