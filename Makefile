@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish play bench docs test slow check format clean
+.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish play bench gpu docs test slow check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -67,6 +67,9 @@ $(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requiremen
 	$(VENV)-bench/bin/python -m pip install --quiet --editable . && \
 	$(VENV)-bench/bin/python -m pip install --quiet --no-deps --requirement tests/benchmarks/requirements.txt
 	touch $@
+
+gpu: $(READY)  ## an NVIDIA card beside the CPU: the same results, and speed (a few minutes; needs torch built for CUDA)
+	$(BIN)/python -W ignore tests/benchmarks/gpu.py $(ARGS)
 
 docs: $(READY)  ## build the documentation: build/site/index.html
 	$(BIN)/python -W ignore -m mkdocs build --strict --quiet

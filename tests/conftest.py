@@ -1,12 +1,13 @@
 """One thread: the tests' tensors are small, and two threads on busy cores are many times slower than one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 import stage_files
 import torch
 from stage_files import WriteGrowth, WriteStages
 
+from affmap import compiled
 from affmap.env.layout import Layout
 
 torch.set_num_threads(1)
@@ -28,6 +29,14 @@ def write_growth() -> WriteGrowth:
 def load_world() -> Callable[[str], Layout]:
     """Read a world from `conf/layout`."""
     return stage_files.load_world
+
+
+@pytest.fixture(scope="module", params=["compiled", "PyTorch"])
+def loops(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Either way of computing: compiled loops, or what takes their place without numba."""
+    compiled.use(request.param == "compiled")
+    yield
+    compiled.use(True)
 
 
 @pytest.fixture

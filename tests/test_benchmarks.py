@@ -1,12 +1,28 @@
-"""The benchmarks' arithmetic against a clock that is known, and that they compare equal work; nothing is timed here."""
+"""All parts of the benchmarks at toy size, their arithmetic, and that they compare equal work; no time is tested."""
 
+import runpy
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 import torch
 
 FOLDER = Path(__file__).parent / "benchmarks"
+
+TOY: Mapping[str, Mapping[str, Any]] = {
+    "training": {"MEMBERS": 2, "TRIALS": 2, "TRIAL_MEMBERS": 1},
+    "growth": {
+        "MEMBERS": 2,
+        "VARIED": {"members": (1, 2), "context_size": (0, 8), "channels": (1, 2)},
+        "ROUNDS": 1,
+        "SECONDS": 0.1,
+    },
+    "lookups": {"MEMBERS": 2, "POSITIONS": 20, "SPACINGS": (0.1, 0.2)},
+}
+"""Module -> its sizes; those of the others are small anyway."""
 
 
 @pytest.fixture
@@ -14,6 +30,57 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Import a module of the benchmarks, as `python tests/benchmarks` does."""
     monkeypatch.syspath_prepend(str(FOLDER))
     return __import__
+
+
+@pytest.mark.filterwarnings("ignore")  # as `make bench` does
+@pytest.mark.parametrize(
+    ("part", "num_contenders", "extra", "num_rows"),
+    [
+        ("training", [3, 2, 2], "growth", 2 + 2 + 2 + 3),
+        ("planning", [2, 4, 5], "costs", 1),
+        ("simulation", [4, 2], "control_step", 4),
+        ("lookups", [4, 2, 2], "maps", 2),
+    ],
+)
+def test_every_part_runs_at_toy_size(
+    load: Any,
+    part: str,
+    num_contenders: list[int],
+    extra: str,
+    num_rows: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The program itself: contenders of each work by hand, and the peers that are installed; tables and the figure."""
+    for module, sizes in TOY.items():
+        for name, size in sizes.items():
+            monkeypatch.setattr(load(module), name, size)
+    if part == "planning":
+        peers = load("peers").available()
+        batched = sum(peer.batched for peer in peers)
+        num_contenders = [2 + 2 * len(peers), 4 + len(peers) + 2 * batched, 5]
+        num_rows += len(peers)
+    monkeypatch.setattr(sys, "argv", ["benchmarks", part, "--rounds", "1", "--output", str(tmp_path)])
+    runpy.run_path(str(FOLDER), run_name="__main__")
+    results, rows = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("results", extra))
+    assert results.groupby("work", sort=False).size().tolist() == num_contenders
+    assert (results["seconds"] > 0).all() and len(rows) == num_rows
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("machine.json", "results.csv", f"{extra}.csv"),
+        *("bench.png", "bench.pdf"),
+    }
+    assert f"Written to {tmp_path}" in capsys.readouterr().out.replace("\n", "")
+
+
+def test_a_part_that_there_is_not_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The sentence names it, and those there are."""
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "juggling"])
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(FOLDER), run_name="__main__")
+    assert "juggling: there is no such part; choose from training, planning" in capsys.readouterr().err
 
 
 def test_ratios_are_those_of_neighbouring_times(load: Any, monkeypatch: pytest.MonkeyPatch) -> None:

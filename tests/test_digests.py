@@ -57,7 +57,7 @@ def test_every_experiment_and_search_is_in_the_list() -> None:
 
 @pytest.mark.parametrize("line", lines())
 def test_stages_keep_their_digests(line: str) -> None:
-    """Stored values, made by commit a87fe0b."""
+    """Stored values: the stages before control are those of commit a87fe0b."""
     before, now = stored().get(line, {}), digests(line)
     assert list(now) == list(before), f"{line}: these are other jobs, or in another order. {HINT}"
     renamed = [

@@ -108,11 +108,13 @@ def test_other_numbers_are_reported(stage: str, monkeypatch: pytest.MonkeyPatch)
     changed = known.copy()
     changed.loc[0, column] += 0.1
     assert problem(stage, changed, known, versions).startswith(f"numbers of stage {stage} changed: raise its version")
-    monkeypatch.setitem(DEFINITIONS, stage, replace(DEFINITIONS[stage], version=2))
+    monkeypatch.setitem(DEFINITIONS, stage, replace(DEFINITIONS[stage], version=DEFINITIONS[stage].version + 1))
     assert "are stored of the versions" in problem(stage, changed, known, versions)
     monkeypatch.undo()
     if needs := DEFINITIONS[stage].needs:
-        monkeypatch.setitem(DEFINITIONS, stage, replace(DEFINITIONS[stage], needs=replace(needs, version=2)))
+        monkeypatch.setitem(
+            DEFINITIONS, stage, replace(DEFINITIONS[stage], needs=replace(needs, version=needs.version + 1))
+        )
         assert "are stored of the versions" in problem(stage, changed, known, versions)
 
 

@@ -31,7 +31,7 @@ log = logging.getLogger("affmap")
 HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
 """Hydra's own flags that print something and run nothing."""
 
-IRRELEVANT = ("threads", "versions", "logger", "store", "reference", "output", "title", "notice")
+IRRELEVANT = ("threads", "compiled", "versions", "logger", "store", "reference", "output", "title", "notice")
 """Keys that change no result of a trial."""
 
 

@@ -1,14 +1,16 @@
 """Compilation of loops by numba, kept on disk so that only the first command of a machine waits for it.
 
-Importing this module needs numba; `affmap.compiled.available` tells whether it is there.
+Importing this module needs numba; `affmap.compiled.enabled` tells whether it is there.
 """
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -24,16 +26,33 @@ def _sources() -> str:
 _SOURCES = _sources()
 
 
-def compiled(function: F) -> F:
+class _Cache(FunctionCache):
+    """Compiled code on disk that belongs to all code of this folder; what cannot be read or written is no error."""
+
+    def __init__(self, function: Callable[..., None]) -> None:
+        super().__init__(function)
+        self._cache_file._source_stamp = _SOURCES
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # whatever a damaged file leads to
+            self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):  # a full disk
+            super().save_overload(sig, data)
+
+
+def compiled(function: Callable[..., None]) -> Callable[..., None]:
     """Compile a function at its first call, or find it compiled on disk.
 
     The interpreter's lock is released while it runs. Where no folder can be written to, it is compiled in each process.
     """
-    try:
-        dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    except RuntimeError:  # numba finds no folder for its files
-        return numba.njit(nogil=True, error_model="numpy")(function)
-    dispatcher._cache._cache_file._source_stamp = _SOURCES
+    dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
+    with suppress(RuntimeError):  # numba finds no folder for its files
+        dispatcher._cache = _Cache(function)
     return dispatcher
 
 

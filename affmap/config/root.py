@@ -77,6 +77,8 @@ class Config(Settings):
     """M, members of the stack."""
     threads: Annotated[Count, Field(le=1024)]
     """Threads of a job."""
+    compiled: bool
+    """Whether loops that numba can compile are compiled; otherwise PyTorch does their work, more slowly."""
     models: Literal["train", "reference"]
     """Train the models, or take those of the reference run."""
     notice: Line | None

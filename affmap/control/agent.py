@@ -5,12 +5,13 @@ stack, a look-up and a planner; it knows no environment.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 from pydantic import Field
 from torch import Tensor
 
+from affmap import compiled
 from affmap.control.controller import Controller
 from affmap.control.controller import Decision as Decision
 from affmap.control.controller import Observation as Observation
@@ -25,6 +26,9 @@ from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner
 from affmap.settings import ConfigError, Count, NonNegative, Positive, Settings
 from affmap.view import Map
+
+if TYPE_CHECKING:  # needs numba
+    from affmap.control.imagination import CompiledImagination
 
 
 class ControlSettings(Settings):
@@ -84,6 +88,7 @@ class Agent:
         self.stack = stack.requires_grad_(False)
         self.lookup, self.planner, self.settings, self.channels = lookup, planner, settings, channels
         self._codes = CachedEncoder(self.stack)
+        self._compiled = self._compile()
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -119,7 +124,7 @@ class Agent:
         def watched(actions: Tensor) -> Tensor:
             costs = objective(actions)
             if watch:
-                watch(actions, costs)
+                watch(actions.clone(), costs)  # planners may write their candidates again
             return costs
 
         plan, planner_state = self.planner.plan(watched, state.planner, generators)
@@ -134,8 +139,10 @@ class Agent:
 
         `carry` is that of the agents' state; without one, the flight begins here.
         """
-        goal = observation.goal[:, None]  # one for all candidates
-        std = self._goal_std(observation)[:, None]
+        goal, std = observation.goal, self._goal_std(observation)
+        if self._compiled:
+            return self._compiled.objective(self._situation(observation, carry), goal, std, self.settings.beta)
+        goal, std = goal[:, None], std[:, None]  # one for all candidates
 
         def objective(actions: Tensor) -> Tensor:
             path = self.imagine(observation, actions, carry)
@@ -145,10 +152,24 @@ class Agent:
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
         """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u; `carry` as in `objective`."""
-        transition = self.stack.transition
+        situation = self._situation(observation, carry)
+        if self._compiled and not (torch.is_grad_enabled() and actions.requires_grad):
+            return self._compiled.positions(situation, actions)
+        return rollout(self.stack.transition, self.lookup, situation, actions)
+
+    def _compile(self) -> "CompiledImagination | None":
+        """Imagination in compiled loops, where there is one for these models and this look-up."""
+        if not compiled.enabled():
+            return None
+        from affmap.control.imagination import CompiledImagination
+
+        return CompiledImagination.of(self.stack, self.lookup)
+
+    def _situation(self, observation: Observation, carry: Carry | None) -> Situation:
+        """Where imagined paths start; without a carry, where a flight begins."""
         if carry is None:
-            carry = transition.initial(len(actions) // len(self.seeds))
-        return rollout(transition, self.lookup, Situation(observation.position, observation.delta, carry), actions)
+            carry = self.stack.transition.initial(len(observation.position) // len(self.seeds))
+        return Situation(observation.position, observation.delta, carry)
 
     def _goal_std(self, observation: Observation) -> Tensor:
         settings = self.settings

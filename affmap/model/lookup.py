@@ -108,12 +108,13 @@ class AffordanceMap:
     Attributes:
         codes: `[M * W, Y, X, C]`, codes at the nodes in W worlds a member; row 0 is y = 0, column 0 is x = 0.
         worlds: the maps of the worlds that it was painted for: one, shared by all (W is 1), or M * W.
+        differentiable: whether gradients flow through the map to the position.
     """
 
     def __init__(self, codes: Tensor, worlds: Sequence[Map], differentiable: bool = False) -> None:
         """Take codes `[M * W, Y, X, C]` whose outermost nodes lie on the borders of the arena."""
         self.codes, self.worlds = codes, worlds
-        self._differentiable = differentiable
+        self.differentiable = differentiable
         self._picture = codes.permute(0, 3, 1, 2)
         self._scale = 2 / codes.new_tensor(worlds[0].size)
         self._lower = codes.new_tensor(-1.0)
@@ -140,7 +141,7 @@ class AffordanceMap:
     def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "AffordanceMap":
         """A map as fine as this one, for `stack` in another world, or in B others."""
         spacing = self.worlds[0].size[0] / (self.codes.shape[2] - 1)
-        return AffordanceMap.paint(stack, worlds, spacing, self._differentiable)
+        return AffordanceMap.paint(stack, worlds, spacing, self.differentiable)
 
     def picture(self, index: int = 0) -> np.ndarray:
         """The map in place `index` of the leading axis in colours, `[Y, X, 3]` in [0, 1]; row 0 is y = 0.
@@ -152,7 +153,7 @@ class AffordanceMap:
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
-        if not self._differentiable:
+        if not self.differentiable:
             positions = positions.detach()
         flat = positions.flatten(1, -2)
         if len(self.codes) > len(flat):

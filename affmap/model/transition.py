@@ -25,7 +25,7 @@ class Step:
 
     def __init__(self, hidden: Tensor, output: Tensor, bias: Tensor) -> None:
         """Weights `[M, 2 + 4 + C, hidden]`, `[M, 2 + 2, hidden]` and `[M, 2 + 2, 1]`, for u/step and the sigmoid."""
-        self._hidden, self._output, self._bias = hidden, output, bias
+        self.hidden, self.output, self.bias = hidden, output, bias
 
     def __call__(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
         """Predict the change of position that an action will cause.
@@ -40,8 +40,8 @@ class Step:
             The new carry, and a Gaussian of `[M, P, 2]` in u/step.
         """
         columns = torch.cat([delta.mT, action.mT, code.mT], dim=1)
-        hidden = torch.bmm(columns.mT, self._hidden).sigmoid()  # [M, P, hidden]
-        mean, log_std = torch.baddbmm(self._bias, self._output, hidden.mT).chunk(2, dim=1)  # [M, 2, P] each
+        hidden = torch.bmm(columns.mT, self.hidden).sigmoid()  # [M, P, hidden]
+        mean, log_std = torch.baddbmm(self.bias, self.output, hidden.mT).chunk(2, dim=1)  # [M, 2, P] each
         return carry, Gaussian(mean.mT, log_std.mT)
 
 

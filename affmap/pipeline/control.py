@@ -24,7 +24,9 @@ from affmap.results.files import write_layouts, write_runs, write_trajectories
 from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, SPACING, Factor, Value
 from affmap.store.attempt import Attempt
 
-CONTROL = StageDefinition("control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN)
+CONTROL = StageDefinition(
+    "control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN, version=2
+)
 
 
 def make_runs(config: Config, train: Path, attempt: Attempt) -> None:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 import torch
 
+from affmap import compiled
 from affmap.config.root import Config, label
 from affmap.pipeline.collect import DATA, make_data
 from affmap.pipeline.control import CONTROL, make_runs
@@ -120,6 +121,7 @@ def score(config: Config) -> float | list[float]:
 def _models(config: Config, store: Store) -> tuple[Path, Path]:
     """Bring exploration and training to completion; returns where they are."""
     torch.set_num_threads(config.threads)
+    compiled.use(config.compiled)
     data = store.ensure(DATA.of(config), lambda attempt: make_data(config, attempt))
     return data, store.ensure(TRAIN.of(config), lambda attempt: make_models(config, data, attempt))
 

@@ -18,6 +18,7 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor
 
+from affmap import compiled
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
 from affmap.planning.registry import register
 from affmap.settings import Count, CountOrNone, Positive, Settings, Share
@@ -70,24 +71,58 @@ class CEMPlanner(Settings):
     def plan(self, objective: Objective, state: CEMState, generators: Generators) -> tuple[Plan, CEMState]:
         """Improve the distribution `num_iterations` times; see `Planner.plan`."""
         with torch.inference_mode():  # many small operations: without autograd's bookkeeping they are a tenth faster
-            mean, kept = state
-            variance = torch.full_like(mean, self.initial_variance)
-            for _ in range(self.num_iterations):
-                drawn = truncated_normal(mean[:, None], variance.sqrt()[:, None], self._uniform(generators, mean))
-                candidates = torch.cat([kept, drawn], dim=1)
-                costs, order = evaluate(objective, candidates).topk(self.num_elites, dim=1, largest=False)  # ascending
-                elites = candidates.gather(1, order[..., None, None].expand(-1, -1, *candidates.shape[2:]))
-                mean, variance = self._estimate(elites, costs.isfinite(), mean, variance)
-                kept = elites[:, : self.num_kept]
+            search = self._search_compiled if compiled.enabled() and state.mean.device.type == "cpu" else self._search
+            elites, costs, mean = search(objective, state, generators)
         # Copies, because what was made in inference mode may not meet autograd later.
-        return Plan(elites[:, 0].clone(), costs[:, 0].clone()), CEMState(shift(mean), shift(kept))
+        plan = Plan(elites[:, 0].clone(), costs[:, 0].clone())
+        return plan, CEMState(shift(mean), shift(elites[:, : self.num_kept]))
 
-    def _uniform(self, generators: Generators, mean: Tensor) -> Tensor:
-        """Uniform numbers in [0, 1), `[B, N, H, 4]`, each problem's from its own generator."""
-        draws = np.empty((len(mean), self.num_candidates, self.horizon, 4), np.float32)
+    def _search(self, objective: Objective, state: CEMState, generators: Generators) -> tuple[Tensor, Tensor, Tensor]:
+        """The last elites `[B, E, H, 4]`, the best first, their costs `[B, E]` and the last mean."""
+        mean, kept = state
+        variance = torch.full_like(mean, self.initial_variance)
+        for _ in range(self.num_iterations):
+            draws = np.empty((len(mean), self.num_candidates, *mean.shape[1:]), np.float32)
+            uniform = torch.from_numpy(self._uniform(generators, draws)).to(mean.device)
+            drawn = truncated_normal(mean[:, None], variance.sqrt()[:, None], uniform)
+            candidates = torch.cat([kept, drawn], dim=1)
+            costs, order = evaluate(objective, candidates).topk(self.num_elites, dim=1, largest=False)  # ascending
+            elites = candidates.gather(1, order[..., None, None].expand(-1, -1, *candidates.shape[2:]))
+            mean, variance = self._estimate(elites, costs.isfinite(), mean, variance)
+            kept = elites[:, : self.num_kept]
+        return elites, costs, mean
+
+    def _search_compiled(
+        self, objective: Objective, state: CEMState, generators: Generators
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """The same in compiled loops."""
+        from affmap.compiled.search import draw, learn
+
+        mean, kept = (part.flatten(-2).numpy().copy() for part in state)
+        num_problems, length = mean.shape
+        variance = np.full_like(mean, self.initial_variance)
+        elites = np.empty((num_problems, self.num_elites, length), np.float32)
+        costs = np.empty((num_problems, self.num_elites), np.float32)
+        # Memory that is used again in each iteration, because so much of it is slow to get.
+        uniform = np.empty((num_problems, self.num_candidates, length), np.float32)
+        candidates = np.empty(0, np.float32)
+        for _ in range(self.num_iterations):
+            shape = num_problems, kept.shape[1] + self.num_candidates, length
+            if candidates.shape != shape:
+                candidates = np.empty(shape, np.float32)
+            self._uniform(generators, uniform)
+            draw(mean, variance, kept, uniform, candidates)
+            actions = torch.from_numpy(candidates).unflatten(-1, (self.horizon, 4))
+            learn(candidates, evaluate(objective, actions).numpy(), self.momentum, mean, variance, elites, costs)
+            kept = elites[:, : self.num_kept].copy()
+        best, last_mean = (torch.from_numpy(part).unflatten(-1, (self.horizon, 4)) for part in (elites, mean))
+        return best, torch.from_numpy(costs), last_mean
+
+    def _uniform(self, generators: Generators, draws: np.ndarray) -> np.ndarray:
+        """Fill `draws` `[B, N, ...]` with uniform numbers in [0, 1), each problem's from its own generator."""
         for generator, draw in zip(generators, draws, strict=True):
             generator.random(out=draw, dtype=np.float32)
-        return torch.from_numpy(draws).to(mean.device)
+        return draws
 
     def _estimate(self, elites: Tensor, usable: Tensor, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance of the usable elites, `[B, E, H, 4]` and `[B, E]` bool, mixed with the old ones."""

@@ -50,7 +50,9 @@ class GradientPlanner(Settings):
         cost = torch.full((len(actions),), torch.inf, device=actions.device)
         active = torch.ones_like(cost, dtype=torch.bool)
         for iteration in range(self.num_iterations + 1):  # the last update, too, is kept only if it helps
-            new_cost, gradient = self._cost_and_gradient(objective, actions, iteration < self.num_iterations)
+            # What is finished costs no time where the objective is compiled.
+            asked = actions.where(active[:, None, None], torch.nan)
+            new_cost, gradient = self._cost_and_gradient(objective, asked, iteration < self.num_iterations)
             active = active & (new_cost <= cost)
             best = torch.where(active[:, None, None], actions, best)
             cost = torch.where(active, new_cost, cost)

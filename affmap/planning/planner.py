@@ -13,7 +13,9 @@ from torch import Tensor
 Objective = Callable[[Tensor], Tensor]
 """Cost of candidates: actions `[B, N, H, 4]` -> `[B, N]`, to be minimised.
 
-Planners that need no gradient call it in torch's inference mode: it must not differentiate anything itself then.
+Planners that need no gradient call it in torch's inference mode: it must not differentiate anything itself then. They
+may write their candidates again after it has returned. A problem that needs no cost is left out by actions that are
+NaN; its cost is NaN, too, or anything else.
 """
 
 Generators = Sequence[np.random.Generator]

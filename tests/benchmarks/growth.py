@@ -25,8 +25,14 @@ from affmap.training.module import TrainingModule
 
 VARIED = {"members": (1, 5, 25, 125), "context_size": (0, 1, 3, 5, 8, 16, 32), "channels": (1, 2, 3, 4)}
 
+ROUNDS = 5
+"""Turns of each."""
 
-def growth(rounds: int = 5) -> pd.DataFrame:
+SECONDS = 1.0
+"""Of a turn of processes that train next to each other."""
+
+
+def growth() -> pd.DataFrame:
     """Cost of a model and update as one thing is varied.
 
     Columns: varied (members, context_size, channels, or threads and processes), members, context_size, channels,
@@ -44,7 +50,7 @@ def growth(rounds: int = 5) -> pd.DataFrame:
             setting = {"threads": 2 if broad in team else 1, "processes": len(team)}
             rows.append({"varied": "threads and processes", **base, **setting})
             runs.append(partial(together, team))
-        for row, seconds in zip(rows, in_turns(runs, rounds), strict=True):
+        for row, seconds in zip(rows, in_turns(runs), strict=True):
             row["milliseconds"] = 1000 * seconds
     for row in rows:
         if row["varied"] == "members" and row["members"] in (1, 25, 125):
@@ -68,9 +74,9 @@ def together(team: "Sequence[Process]") -> float:
     return 1 / sum(process.end()["updates_per_second"] * MEMBERS for process in team)
 
 
-def in_turns(runs: Sequence[Callable[[], float]], rounds: int) -> list[float]:
+def in_turns(runs: Sequence[Callable[[], float]]) -> list[float]:
     """The median of what each of `runs` returns when they take turns."""
-    return [median(values) for values in zip(*([run() for run in runs] for _ in range(rounds)), strict=True)]
+    return [median(values) for values in zip(*([run() for run in runs] for _ in range(ROUNDS)), strict=True)]
 
 
 class Process:
@@ -81,10 +87,10 @@ class Process:
         command = [sys.executable, __file__, str(dataset()), str(members), str(threads)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
-    def begin(self, seconds: float = 1.0) -> None:
-        """Let it train for so long."""
+    def begin(self) -> None:
+        """Let it train for a while."""
         assert self._process.stdin is not None
-        self._process.stdin.write(f"{seconds}\n")
+        self._process.stdin.write(f"{SECONDS}\n")
         self._process.stdin.flush()
 
     def end(self) -> dict[str, float]:

@@ -2,23 +2,26 @@
 
 The models are those of the reference run with 8 context units, in the world that they were trained in; agents stand in
 the start corners and want to the opposite ones. Each contender plans from the beginning, without a warm start. All
-share our imagination of paths, so that what differs is the search around it: drawing candidates, bounds, elites. Knows
-nothing of how the others do it. `python tests/benchmarks/planning.py` lists the costs of their plans.
+share our imagination of paths, so that what differs is the search around it: drawing candidates, bounds, elites. Peers
+have it in PyTorch, as their users would write it, and once more in our compiled loops. Knows nothing of how the others
+do it. `python tests/benchmarks/planning.py` lists the costs of their plans.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from statistics import mean
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from measure import Contender, Result, compare
 from peers import SETTINGS, Peer, Plan, available
 
+from affmap import compiled
 from affmap.config import sweep
-from affmap.config.root import Config
 from affmap.control.agent import Agent, ControlSettings, Observation
+from affmap.env.body import Vehicle
+from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, make_lookup
 from affmap.model.stack import Stack
@@ -31,6 +34,16 @@ from affmap.settings import folder
 from affmap.store.store import Store
 
 UNIT = "agent and step"
+
+
+@contextmanager
+def computed_by(loops: bool) -> Iterator[None]:
+    """Use our compiled loops, or PyTorch alone."""
+    compiled.use(loops)
+    try:
+        yield
+    finally:
+        compiled.use(True)
 
 
 class Cost(NamedTuple):
@@ -50,9 +63,10 @@ class Agents:
     start: Observation
     settings: ControlSettings
 
-    def objective(self) -> Objective:
-        """What `affmap.control.agent.Agent` minimises."""
-        return Agent(self.stack, self.lookup, SETTINGS, self.settings).objective(self.start)
+    def objective(self, loops: bool = True) -> Objective:
+        """What `affmap.control.agent.Agent` minimises, in compiled loops or in PyTorch."""
+        with computed_by(loops):
+            return Agent(self.stack, self.lookup, SETTINGS, self.settings).objective(self.start)
 
     def alone(self, agent: int) -> "Agents":
         """One of them, with a stack of its own member only."""
@@ -80,21 +94,19 @@ def reference() -> Agents:
         raise FileNotFoundError(f"{config.reference} holds no models of this configuration; the benchmark plans them.")
     stack = restore(Stack(config.model, len(config.channels), config.seeds), trained / WEIGHTS)
     stack.requires_grad_(False)
-    return Agents(
-        stack, make_lookup(config.lookup, stack, [config.control_layout.map]), _starts(config), config.control
-    )
+    seen = starts(config.control_layout, config.vehicle, config.control, config.seeds)
+    return Agents(stack, make_lookup(config.lookup, stack, [config.control_layout.map]), seen, config.control)
 
 
-def _starts(config: Config) -> Observation:
-    """Starts and goals as `affmap.control.episodes.control` draws them."""
-    env = VehicleEnv(config.control_layout, config.vehicle, config.control.goal_radius)
+def starts(layout: Layout, vehicle: Vehicle, settings: ControlSettings, seeds: Sequence[int]) -> Observation:
+    """Starts and goals as `affmap.control.episodes.control` draws them, as its agents see them."""
+    env = VehicleEnv(layout, vehicle, settings.goal_radius)
     observations = [
         env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})[0]
-        for seed in config.seeds
-        for run in range(config.control.runs_per_member)
+        for seed in seeds
+        for run in range(settings.runs_per_member)
     ]
-    parts = {key: torch.from_numpy(np.stack([seen[key] for seen in observations])) for key in observations[0]}
-    return Observation(**parts | {"view": parts["view"].bool()})
+    return Observation.of(observations, settings.device)
 
 
 def _ours(objective: Objective, num_agents: int) -> Plan:
@@ -106,6 +118,37 @@ def _ours(objective: Objective, num_agents: int) -> Plan:
 OURS = Peer("affmap", _ours, batched=True)
 
 
+class Entry(NamedTuple):
+    """A planner and the way in which it is to be used."""
+
+    name: str
+    peer: Peer
+    loops: bool
+    """Whether the objective, and the search if it is ours, run in compiled loops."""
+
+    def plan(self, agents: Sequence[Agents]) -> Callable[[], object]:
+        """A call plans for groups of agents, one group after the other."""
+        plans = [self.peer.make(group.objective(self.loops), len(group.start.goal)) for group in agents]
+
+        def run() -> None:
+            with computed_by(self.loops):
+                for plan in plans:
+                    plan()
+
+        return run
+
+
+def entries(batched: bool = False) -> list[Entry]:
+    """Ours and the peers that can be had, or those of them that plan for many agents at once."""
+    peers = [peer for peer in available() if peer.batched or not batched]
+    return [
+        Entry("affmap", OURS, True),
+        Entry("affmap, PyTorch alone", OURS, False),
+        *(Entry(peer.name, peer, False) for peer in peers),
+        *(Entry(f"{peer.name}, our compiled objective", peer, True) for peer in peers),
+    ]
+
+
 def results(rounds: int) -> list[Result]:
     """Time ours and the peers that can be had, for one agent and for 100.
 
@@ -113,18 +156,20 @@ def results(rounds: int) -> list[Result]:
     a time is how a peer is used with models of its user's: each contender is given four of the 100, of different
     members and corners, because its time of an agent does not depend on how many there are.
     """
-    agents, contenders = reference(), [OURS, *available()]
+    agents = reference()
     num_agents, flop = len(agents.start.goal), _flop(agents.stack)
-    one = [agents.alone(0).objective()] * 8  # several times, because a single plan is too short to be timed well
-    four = [agents.alone(agent).objective() for agent in (0, 33, 66, 99)]
+    one = [agents.alone(0)] * 8  # several times, because a single plan is too short to be timed well
+    four = [agents.alone(agent) for agent in (0, 33, 66, 99)]
+    single = [Contender(entry.name, entry.plan(one), len(one)) for entry in entries()]
     together = [
-        Contender(f"{peer.name}, together", peer.make(agents.objective(), num_agents), num_agents)
-        for peer in contenders
-        if peer.batched
+        Contender(f"{entry.name}, together", entry.plan([agents]), num_agents) for entry in entries(batched=True)
     ]
-    apart = [Contender(f"{peer.name}, one at a time", _loop(peer, four), len(four)) for peer in contenders]
+    apart = [
+        Contender(f"{entry.name}, one at a time", entry.plan(four), len(four))
+        for entry in entries()
+        if entry.peer is OURS or not entry.loops
+    ]
     work = f"planning, {num_agents} agents with weights of their own ({len(agents.stack.seeds)} members x 4)"
-    single = [Contender(peer.name, _loop(peer, one), len(one)) for peer in contenders]
     return [
         *compare("planning, 1 agent", UNIT, single, flop, rounds),
         *compare(work, UNIT, [*together, *apart], flop, rounds),
@@ -139,21 +184,17 @@ def _gradient(agents: Agents) -> list[Contender]:
     quarter = replace(agents, start=Observation(*(part[::first] for part in agents.start)))  # one of each member's
     planner = GradientPlanner.load("planner", "gradient")
 
-    def contender(name: str, some: Agents) -> Contender:
-        objective, state = some.objective(), planner.initial(len(some.start.goal))
+    def contender(name: str, some: Agents, loops: bool = True) -> Contender:
+        objective, state = some.objective(loops), planner.initial(len(some.start.goal))
         return Contender(name, lambda: planner.plan(objective, state, []), len(some.start.goal))
 
     return [
         contender("affmap, together", agents),
+        contender("affmap, together, PyTorch alone", agents, loops=False),
         contender("affmap, together, gradients through the map", through),
+        contender("affmap, together, gradients through the map, PyTorch alone", through, loops=False),
         contender("affmap, a quarter of them", quarter),
     ]
-
-
-def _loop(peer: Peer, objectives: Sequence[Objective]) -> Callable[[], object]:
-    """Plan for one agent after the other."""
-    plans = [peer.make(objective, 1) for objective in objectives]
-    return lambda: [plan() for plan in plans]
 
 
 def _flop(stack: Stack) -> float:

@@ -80,13 +80,14 @@ def make_stack(members: int, context_size: int, channels: int = 1) -> Stack:
     return Stack(ModelSettings.load("model", "default", context_size=context_size), channels, range(members))
 
 
-def update(module: TrainingModule, optimizer: torch.optim.Optimizer, batch: Batch) -> None:
-    """What Lightning does with a batch."""
-    loss = module.loss(batch).sum()
+def update(module: TrainingModule, optimizer: torch.optim.Optimizer, batch: Batch) -> Tensor:
+    """Do what Lightning does with a batch; returns the losses of the members, `[M]` in nats."""
+    losses = module.loss(batch)
     optimizer.zero_grad()
-    loss.backward()
+    losses.sum().backward()
     module.configure_gradient_clipping(optimizer)
     optimizer.step()
+    return losses.detach()
 
 
 def updates(stack: Stack, own: Sequence[Batch]) -> Callable[[], None]:

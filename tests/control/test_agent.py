@@ -22,6 +22,8 @@ from affmap.planning.planner import Generators, Objective, Plan, Planner
 from affmap.settings import ConfigError
 from affmap.view import view
 
+pytestmark = pytest.mark.usefixtures("loops")
+
 WORLD = Layout.load("layout", "original").map
 SEEDS, AGENTS, H = (4, 5), 3, 3
 B = len(SEEDS) * AGENTS

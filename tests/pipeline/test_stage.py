@@ -83,7 +83,7 @@ def test_a_raised_version_renames_the_stage_and_those_after_it(values: dict[str,
     """Results of the old rules are not found any more, so they are made anew; those before it are."""
     config = Config.checked(values, "here")
     train = replace(TRAIN, version=2)
-    maps, control = replace(MAP, needs=train), replace(CONTROL, needs=train)
+    maps, control = replace(MAP, needs=train), replace(CONTROL, needs=train, version=1)
     assert DATA.of(config).rules == TRAIN.of(config).rules == {}
     assert train.of(config).rules == maps.of(config).rules == control.of(config).rules == {"train": 2}
     for old, new in ((TRAIN, train), (MAP, maps), (CONTROL, control)):

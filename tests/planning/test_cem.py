@@ -15,6 +15,8 @@ from affmap.planning.cem import CEMPlanner, CEMState, truncated_normal
 from affmap.planning.planner import Objective
 from affmap.settings import ConfigError
 
+pytestmark = pytest.mark.usefixtures("loops")
+
 quick = settings(max_examples=40, deadline=None, derandomize=True)
 H = 3
 
