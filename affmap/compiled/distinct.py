@@ -17,7 +17,7 @@ def _differ(words: np.ndarray, one: int, other: int) -> bool:
 
 
 @compiled
-def number_rows(pixels: np.ndarray, table: np.ndarray, words: np.ndarray, first: np.ndarray, ids: np.ndarray) -> int:
+def number_rows(pixels: np.ndarray, table: np.ndarray, words: np.ndarray, first: np.ndarray, ids: np.ndarray) -> None:
     """Number the distinct rows of `pixels` `[n, k]` bool in order of their appearance.
 
     Args:
@@ -26,9 +26,6 @@ def number_rows(pixels: np.ndarray, table: np.ndarray, words: np.ndarray, first:
         words: `[n, k / 64, rounded up]` uint64, to work with.
         first: `[n]`, gets the row where each number appears first.
         ids: `[n]`, gets the number of each row.
-
-    Returns:
-        How many there are.
     """
     num_rows, num_pixels = pixels.shape
     mask = np.uint64(len(table) - 1)
@@ -50,4 +47,3 @@ def number_rows(pixels: np.ndarray, table: np.ndarray, words: np.ndarray, first:
             first[count] = row
             count += 1
         ids[row] = table[place]
-    return count

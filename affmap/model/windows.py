@@ -75,8 +75,8 @@ def distinct(pixels: Tensor) -> tuple[Tensor, Tensor]:
     table = np.full(2 ** (2 * num_rows).bit_length(), -1, np.int32)
     first, ids = np.empty((2, num_rows), np.int64)
     words = np.empty((num_rows, math.ceil(num_pixels / 64)), np.uint64)
-    count = number_rows(pixels.contiguous().numpy(), table, words, first, ids)
-    some, order = _sort(pixels[first[:count]])  # these are few
+    number_rows(pixels.contiguous().numpy(), table, words, first, ids)
+    some, order = _sort(pixels[first[: ids.max(initial=-1) + 1]])  # these are few
     return torch.from_numpy(first)[some], order[ids]
 
 
