@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from affmap.view import EXTENT, PIXELS, Map, view, views
 
+pytestmark = pytest.mark.usefixtures("loops")
 quick = settings(max_examples=60, deadline=None, derandomize=True)
 
 

@@ -11,6 +11,7 @@ from rollouts import actions
 from affmap.env import VehicleEnv
 from affmap.env.vector import VehicleVectorEnv
 
+pytestmark = pytest.mark.usefixtures("loops")
 NUM_ENVS = 3
 
 

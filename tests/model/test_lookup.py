@@ -18,6 +18,7 @@ WORLD = Layout.load("layout", "original").map
 EXACT = LookupSettings.load("lookup", "exact")
 COARSE = LookupSettings.load("lookup", "map", spacing=0.5)
 SEEDS = (4, 5, 6)
+pytestmark = pytest.mark.usefixtures("loops")
 
 
 def stack(*seeds: int, context_size: int = 3) -> Stack:

@@ -10,6 +10,8 @@ from affmap.env.layout import Layout
 from affmap.model.windows import Windows, distinct, take_apart
 from affmap.view import view
 
+pytestmark = pytest.mark.usefixtures("loops")
+
 
 def random_views(*shape: int, share: float = 0.5, seed: int = 0) -> torch.Tensor:
     return torch.rand(*shape, 11, 11, generator=torch.Generator().manual_seed(seed)) < share
