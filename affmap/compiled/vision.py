@@ -142,3 +142,35 @@ def codes_at(
             encode(rows, flat, flat2, own2, flat3, own3, flat4, own4, convolved, features, hidden2, hidden3, code)
             for component in range(codes.shape[2]):
                 codes[member, number, component] = code[component]
+
+
+@compiled
+def codes_of(
+    pictures: np.ndarray,
+    weight2: np.ndarray,
+    bias2: np.ndarray,
+    weight3: np.ndarray,
+    bias3: np.ndarray,
+    weight4: np.ndarray,
+    bias4: np.ndarray,
+    views: np.ndarray,
+    codes: np.ndarray,
+) -> None:
+    """Write the codes `[M, P, C]` of each member's `views` `[M, P, K, 11, 11]` bool; otherwise as `codes_at`."""
+    rows, code = np.empty(views.shape[2:4], np.uint64), np.empty_like(bias4[0])
+    convolved, features = np.empty(PLACES * WIDTH, np.float32), np.empty((PER_SIDE**2 + 1) * WIDTH, np.float32)
+    hidden2, hidden3 = np.empty_like(bias2[0]), np.empty_like(bias3[0])
+    for member in range(len(views)):
+        flat = pictures[member].reshape(-1)
+        flat2, flat3, flat4 = weight2[member].reshape(-1), weight3[member].reshape(-1), weight4[member].reshape(-1)
+        own2, own3, own4 = bias2[member], bias3[member], bias4[member]
+        for number in range(views.shape[1]):
+            rows[:] = 0
+            for channel in range(views.shape[2]):
+                for row in range(views.shape[3]):
+                    for column in range(views.shape[4]):
+                        pixel = views[member, number, channel, row, column]
+                        rows[channel, row] |= np.uint64(pixel) << np.uint64(column)
+            encode(rows, flat, flat2, own2, flat3, own3, flat4, own4, convolved, features, hidden2, hidden3, code)
+            for component in range(codes.shape[2]):
+                codes[member, number, component] = code[component]

@@ -18,6 +18,7 @@ from affmap.control.controller import Observation as Observation
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
 from affmap.model.code_cache import CachedEncoder
+from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import Lookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack
@@ -87,7 +88,7 @@ class Agent:
         """Put an agent together; `lookup` must belong to `stack`, whose weights cease to require gradients."""
         self.stack = stack.requires_grad_(False)
         self.lookup, self.planner, self.settings, self.channels = lookup, planner, settings, channels
-        self._codes = CachedEncoder(self.stack)
+        self._direct, self._cached = DirectEncoder(self.stack), CachedEncoder(self.stack)
         self._compiled = self._compile()
 
     @property
@@ -187,7 +188,10 @@ class Agent:
         view, delta, action = (
             part.unflatten(0, (num_members, -1)) for part in (observation.view, observation.delta, action)
         )
-        carry, prediction = self.stack.transition.step()(carry, self._codes(view), delta, action)
+        codes = self._direct.of_views(view)
+        if codes is None:
+            codes = self._cached(view)
+        carry, prediction = self.stack.transition.step()(carry, codes, delta, action)
         return carry, Gaussian(*(part.flatten(0, 1) for part in prediction))
 
 

@@ -38,7 +38,7 @@ class CompiledImagination:
 
     def __init__(self, stack: Stack, lookup: AffordanceMap) -> None:
         """Take a stack and a map of it, both on the CPU."""
-        self._transition = stack.transition
+        self._transition, self._parameters = stack.transition, list(stack.transition.parameters())
         codes = pad(lookup.codes, (0, -lookup.codes.shape[-1] % WIDTH)).contiguous()
         nodes = codes.shape[2] - 1, codes.shape[1] - 1
         self._maps = Maps(codes.numpy(), np.divide(nodes, lookup.worlds[0].size).astype(np.float32))
@@ -86,7 +86,7 @@ class CompiledImagination:
 
     def _weights(self) -> Weights:
         """The present weights, arranged anew when they have changed."""
-        version = sum(weight._version for weight in self._transition.parameters())
+        version = sum(weight._version for weight in self._parameters)
         if version != self._version:
             step = self._transition.step()
             self._packed = pack(_array(step.hidden), _array(step.output), _array(step.bias[..., 0]))

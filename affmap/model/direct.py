@@ -1,4 +1,4 @@
-"""Position -> context code in one pass of compiled code, which needs no memory of views. Knows a vision model."""
+"""Position or view -> context code in one pass of compiled code, which needs no memory of views."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from affmap import compiled
 from affmap.model.stack import Stack
 from affmap.model.vision import VisionModel
 from affmap.view import Map, for_compiled
@@ -59,7 +60,7 @@ class Weights(NamedTuple):
 
 
 class DirectEncoder:
-    """Context codes of the views at positions, by the present weights of a stack on the CPU."""
+    """Context codes by the present weights of a stack on the CPU."""
 
     def __init__(self, stack: Stack) -> None:
         """Encode with `stack`."""
@@ -73,12 +74,9 @@ class DirectEncoder:
 
         None where it takes PyTorch.
         """
-        places, vision, num_members = for_compiled(positions), self._stack.vision, len(self._stack.seeds)
-        if places is None or vision is None or len(positions) != num_members or not self._readable():
+        places, num_members = for_compiled(positions), len(self._stack.seeds)
+        if places is None or len(positions) != num_members or not self._ready():
             return None
-        version = sum(weight._version for weight in self._parameters)
-        if version != self._version:
-            self._weights, self._version = Weights.of(vision), version
         from affmap.compiled.vision import codes_at
 
         scenes = [world.scenes[places.dtype] for world in worlds]
@@ -93,6 +91,28 @@ class DirectEncoder:
                 codes_at(*scene, *weights, places[number, None], codes[number, None])
         return torch.from_numpy(codes.reshape(*positions.shape[:-1], codes.shape[2]))
 
-    def _readable(self) -> bool:
-        """Whether compiled code can read the weights."""
-        return all(weight.device.type == "cpu" and weight.dtype == torch.float32 for weight in self._parameters)
+    @torch.no_grad()
+    def of_views(self, views: Tensor) -> Tensor | None:
+        """Codes of views `[M, P, K, 11, 11]` bool, each member's of its own: `[M, P, C]`.
+
+        None where it takes PyTorch.
+        """
+        if not compiled.enabled() or views.device.type != "cpu" or not self._ready():
+            return None
+        from affmap.compiled.vision import codes_of
+
+        codes = views.new_empty(*views.shape[:2], self._stack.context_size, dtype=torch.float32)
+        codes_of(*self._weights, views.contiguous().numpy(), codes.numpy())
+        return codes
+
+    def _ready(self) -> bool:
+        """Whether compiled code can read the weights; the present ones are then in `_weights`."""
+        vision = self._stack.vision
+        if vision is None or any(
+            weight.device.type != "cpu" or weight.dtype != torch.float32 for weight in self._parameters
+        ):
+            return False
+        version = sum(weight._version for weight in self._parameters)
+        if version != self._version:
+            self._weights, self._version = Weights.of(vision), version
+        return True

@@ -10,7 +10,7 @@ from torch import Tensor
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import ExactLookup
 from affmap.model.stack import ModelSettings, Stack
-from affmap.view import Map
+from affmap.view import Map, view
 
 pytest.importorskip("numba")
 SEEDS = (4, 5, 6)
@@ -105,3 +105,23 @@ def test_what_it_cannot_do_it_leaves_to_pytorch() -> None:
     with interpreted():
         assert DirectEncoder(stack())([world()], places(3, 2)) is None
     assert DirectEncoder(stack())([world()], places(3, 0)) is not None
+
+
+@pytest.mark.parametrize("context_size", [1, 8, 32])
+@pytest.mark.parametrize("num_channels", [1, 4])
+def test_codes_of_views_are_those_of_their_positions(context_size: int, num_channels: int) -> None:
+    """To the last bit: the same pixels."""
+    encoder, positions = DirectEncoder(stack(context_size, num_channels)), places(3, 20)
+    positions = positions.clamp_min(0).minimum(torch.tensor([3.0, 2.0]))
+    codes = encoder.of_views(view(world(num_channels), positions))
+    expected = encoder([world(num_channels)], positions)
+    assert codes is not None and expected is not None and torch.equal(codes, expected)
+
+
+def test_views_are_left_to_pytorch_where_it_must_be() -> None:
+    """Without a vision model, with other numbers, or without compiled loops."""
+    seen = view(world(), places(3, 2))
+    assert DirectEncoder(stack(0)).of_views(seen) is None
+    assert DirectEncoder(stack().double()).of_views(seen) is None
+    with interpreted():
+        assert DirectEncoder(stack()).of_views(seen) is None
