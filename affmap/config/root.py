@@ -8,14 +8,13 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from affmap.control.agent import ControlSettings
 from affmap.control.registry import PLANNER, AnyAgent
-from affmap.data.collect import Exploration
+from affmap.control.settings import ControlSettings
+from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, is_procedural
-from affmap.model.lookup import LookupSettings
-from affmap.model.stack import ModelSettings
+from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings

@@ -1,7 +1,8 @@
-"""The definition of a stage: the configuration keys that its result depends on, and the version of its rules.
+"""The stages of a job: the configuration keys that their results depend on, and the versions of their rules.
 
 A stage's configuration is the part of the whole that its result depends on, and nothing else: where two experiments
 agree on it, they share the result. Fields of settings with `exclude=True` say how, not what, and do not count.
+Knows nothing of how stages are made: that has a file for each.
 """
 
 from collections.abc import Iterator
@@ -33,3 +34,9 @@ class StageDefinition:
         if self.needs:
             yield from self.needs._chain()
         yield self
+
+
+DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
+TRAIN = StageDefinition("train", ("model", "training", "seed", "members"), needs=DATA)
+MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
+CONTROL = StageDefinition("control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN)
