@@ -34,30 +34,36 @@ def check(overrides: Sequence[str]) -> Config:
     origins[""] = "the configuration"  # checked together
     config = Config.checked(values(composed), "conf/config.yaml or the command line", origins)
     memory.check(config)
-    _check_launch(composed)
+    check_launch(composed)
     return config
 
 
-def _check_launch(composed: Any) -> None:
+def check_launch(composed: Any) -> None:
     """Refuse what Hydra would stumble over only when it starts the jobs: its folders and the number of workers.
 
     Raises:
         ConfigError: one of them cannot be used.
     """
-    composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
-    for key in ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir"):
-        with hydra_errors():
-            path = OmegaConf.select(composed, key)
+    *folders, (_, workers) = launch(composed).items()
+    for key, path in folders:
         try:
             check_folder(Path(path or ""))
         except ValueError as error:
             raise ConfigError(f"{key} = {shown(path)} is not allowed: it {error}.") from None
-    workers = OmegaConf.select(composed, "hydra.launcher.n_jobs", default=1)  # not all launchers have it
     if composed.hydra.launcher is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
         raise ConfigError(
             f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a "
             "job on each core."
         )
+
+
+def launch(composed: Any) -> dict[str, Any]:
+    """Hydra's folders of jobs, and its number of workers."""
+    composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
+    keys = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
+    with hydra_errors():
+        folders = {key: OmegaConf.select(composed, key) for key in keys}
+        return {**folders, "hydra.launcher.n_jobs": OmegaConf.select(composed, "hydra.launcher.n_jobs", default=1)}
 
 
 def parse(overrides: Sequence[str]) -> list[Override]:

@@ -183,7 +183,8 @@ def plain(config: Any) -> dict[str, Any]:
     """The values of a composed Hydra configuration, without Hydra's own."""
     from omegaconf import OmegaConf
 
-    own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
-    values = OmegaConf.to_container(own, resolve=True, throw_on_missing=True)
-    assert isinstance(values, dict)
-    return {str(key): value for key, value in values.items()}
+    own = {str(key): value for key, value in config.items() if key != "hydra"}
+    return {
+        key: OmegaConf.to_container(value, resolve=True, throw_on_missing=True) if OmegaConf.is_config(value) else value
+        for key, value in own.items()
+    }
