@@ -3,7 +3,6 @@
 import os.path
 from collections.abc import Mapping
 from itertools import combinations
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -122,13 +121,15 @@ class Config(Settings):
 
     @model_validator(mode="after")
     def _check_folders(self) -> Self:
-        folders = {"output": self.output, "store": self.store, "reference": self.reference}
-        for (key, folder), (other, its) in combinations(folders.items(), 2):
-            if _same(folder, its):
-                raise ValueError(f"{key} and {other} are both {shown(str(its))}; give each a folder of its own.")
+        keys = ("output", "store", "reference")
+        folders = {key: os.path.abspath(getattr(self, key)) for key in keys}
+        for key, other in combinations(keys, 2):
+            if folders[key] == folders[other]:
+                both = shown(str(getattr(self, other)))
+                raise ValueError(f"{key} and {other} are both {both}; give each a folder of its own.")
         published = self.reference.parent / self.output.name  # `affmap-publish` replaces it
         for key in ("store", "reference"):
-            if _same(published, folders[key]):
+            if os.path.abspath(published) == folders[key]:
                 raise ValueError(
                     f"output = {shown(str(self.output))} would be published as {shown(str(published))}, where {key} "
                     "is; give it another name."
@@ -167,10 +168,6 @@ class Config(Settings):
     def seeds(self) -> range:
         """The members' own seeds, M of them."""
         return range(self.seed, self.seed + self.members)
-
-
-def _same(one: Path, other: Path) -> bool:
-    return os.path.abspath(one) == os.path.abspath(other)
 
 
 def label(config: Config) -> str:

@@ -28,7 +28,7 @@ class StageDefinition:
         chain = list(self._chain())
         keys = {key for each in chain for key in each.keys}
         versions = {each.name: each.version for each in chain if each.version > 1}
-        return Stage(self.name, config.model_dump(mode="json", include=keys), versions)
+        return Stage(self.name, config.part(keys), versions)
 
     def _chain(self) -> Iterator["StageDefinition"]:
         if self.needs:

@@ -42,6 +42,8 @@ class Registry:
 
     def choose(self, values: Any) -> Any:
         """The settings of plain values, by their `kind`."""
+        if isinstance(values, tuple(self._registered)):
+            return values
         kind = values.get("kind") if isinstance(values, Mapping) else getattr(values, "kind", None)
         modules = [module.name for module in iter_modules(import_module(self._package).__path__)]
         # The module with the name of the kind is enough where that is known then; some of the others import torch.
