@@ -103,8 +103,8 @@ class Composition:
         """Take what Hydra has composed, and make `changes`."""
         self._tree, self._changes = tree, tuple(changes)
         with _changed(tree, self._changes):
-            check_launch(tree)
             self._values, self._launch = values(tree), launch(tree)
+            check_launch(self._launch)
         self._is_free = cache(self._find_whether_free)
         self._with = lru_cache(maxsize=1024)(lambda more: Composition(tree, (*self._changes, *more)))
         self._last: Config | None = None
