@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +81,15 @@ def parse(overrides: Sequence[str]) -> list[Override]:
 
 
 def compose(overrides: Sequence[str]) -> Any:
-    """What Hydra makes of the overrides of one job, its own settings included."""
-    with hydra_errors(), initialize_config_dir(str(folder()), version_base="1.3"):
+    """What Hydra makes of the overrides of one job, its own settings included; not to be changed."""
+    files = [folder(), *folder().rglob("*")]
+    return _compose(tuple(overrides), folder(), max(path.stat().st_mtime_ns for path in files))
+
+
+@lru_cache(maxsize=64)
+def _compose(overrides: tuple[str, ...], conf: Path, changed: int) -> Any:
+    """The same, composed once as long as no file of `conf` has `changed`."""
+    with hydra_errors(), initialize_config_dir(str(conf), version_base="1.3"):
         return hydra.compose("config", [*overrides], return_hydra_config=True)
 
 

@@ -107,7 +107,7 @@ class Composition:
             check_launch(self._launch)
         self._is_free = cache(self._find_whether_free)
         self._with = lru_cache(maxsize=1024)(lambda more: Composition(tree, (*self._changes, *more)))
-        self._last: Config | None = None
+        self._checked: dict[str, Any] = {}  # of the values, those that have been checked
 
     def check(self, changes: Sequence[Assignment]) -> Config:
         """The configuration in which further changes are made.
@@ -116,14 +116,15 @@ class Composition:
             ConfigError: a value is not allowed.
             LookupError: there is no such key.
         """
+        filled = _filled(self._values, changes)
         if bound := tuple(each for each in changes if not self._is_free(each.key)):
             return self._with(bound).check([each for each in changes if each not in bound])
-        filled = _filled(self._values, changes)
-        # What is the same as in the last configuration has been checked.
-        same = (key for key in filled if self._last and filled[key] is self._values[key])
-        self._last = Config.checked({**filled, **{key: getattr(self._last, key) for key in same}}, "the configuration")
-        memory.check(self._last)
-        return self._last
+        changed = {each.key.partition(".")[0] for each in changes}
+        checked = {key: value for key, value in self._checked.items() if key not in changed}
+        config = Config.checked({**filled, **checked}, "the configuration")
+        memory.check(config)
+        self._checked = {key: getattr(config, key) for key in filled if key not in changed}
+        return config
 
     def _find_whether_free(self, key: str) -> bool:
         """Whether no other value follows from that of a key."""
@@ -143,6 +144,8 @@ def _filled(configuration: dict[str, Any], changes: Sequence[Assignment]) -> dic
         *groups, name = change.key.split(".")
         inner = new
         for group in groups:
+            if not isinstance(inner[group], dict):
+                raise LookupError(change.key)
             inner[group] = dict(inner[group])
             inner = inner[group]
         if isinstance(inner[name], (dict, list)):
