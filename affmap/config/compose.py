@@ -81,14 +81,14 @@ def parse(overrides: Sequence[str]) -> list[Override]:
 
 
 def compose(overrides: Sequence[str]) -> Any:
-    """What Hydra makes of the overrides of one job, its own settings included; not to be changed."""
+    """What Hydra makes of the overrides of one job, its own settings included; the same object if asked again."""
     files = [folder(), *folder().rglob("*")]
     return _compose(tuple(overrides), folder(), max(path.stat().st_mtime_ns for path in files))
 
 
 @lru_cache(maxsize=64)
 def _compose(overrides: tuple[str, ...], conf: Path, changed: int) -> Any:
-    """The same, composed once as long as no file of `conf` has `changed`."""
+    """The same, of a folder whose files were last `changed` at some time."""
     with hydra_errors(), initialize_config_dir(str(conf), version_base="1.3"):
         return hydra.compose("config", [*overrides], return_hydra_config=True)
 

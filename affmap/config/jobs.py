@@ -45,10 +45,11 @@ def _assignments(override: Override, others: Sequence[Override]) -> list[Assignm
     key = override.get_key_element()
     if not override.is_sweep_override():
         return [Assignment(f"{key}={override.get_value_element_as_str()}", key, override.value(), False)]
-    elements = [each.text if isinstance(each, QuotedString) else each for each in override.sweep_iterator()]
-    lines = [f"{key}={text}" for text in override.sweep_iterator(Transformer.str)]
-    is_plain = _is_plain_key(override, others) and all(map(_is_plain_value, elements))
-    return [Assignment(line, key, value, is_plain) for line, value in zip(lines, elements, strict=True)]
+    elements = list(override.sweep_iterator())
+    values = [each.text if isinstance(each, QuotedString) else each for each in elements]
+    is_plain = _is_plain_key(override, others) and all(map(_is_plain_value, values))
+    lines = [f"{key}={Transformer.str(each)}" for each in elements]
+    return [Assignment(line, key, value, is_plain) for line, value in zip(lines, values, strict=True)]
 
 
 def _is_plain_key(override: Override, others: Sequence[Override]) -> bool:
@@ -128,9 +129,12 @@ class Composition:
 
     def _find_whether_free(self, key: str) -> bool:
         """Whether no other value follows from that of a key."""
-        other = Assignment("", key, "another value", is_plain=False)
+        other = Assignment("", key, "another_value", is_plain=True)
         with _changed(self._tree, (*self._changes, other)):
-            return values(self._tree) == _filled(self._values, [other]) and launch(self._tree) == self._launch
+            try:
+                return values(self._tree) == _filled(self._values, [other]) and launch(self._tree) == self._launch
+            except ConfigError:  # something follows from it that has no such value
+                return False
 
 
 def _filled(configuration: dict[str, Any], changes: Sequence[Assignment]) -> dict[str, Any]:

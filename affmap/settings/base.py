@@ -78,6 +78,13 @@ class Settings(BaseModel):
         values = {key: getattr(self, key) for key in type(self).model_fields if key in keys}
         return {key: _plain(value) for key, value in values.items() if key not in neutral or value != neutral[key]}
 
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy, in which some values are others; see pydantic."""
+        copied = super().model_copy(update=update, deep=deep)
+        for name in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[name]  # cached properties follow from the old values
+        return copied
+
     def complete(self) -> dict[str, Any]:
         """Plain values of all keys, those at their neutral value included."""
         return self.model_dump(mode="json", context=_COMPLETE)

@@ -102,6 +102,7 @@ def test_a_job_has_the_configuration_that_hydra_composes(line: str, monkeypatch:
         (["members=1,2", "members=3,4"], 2),  # the same key again
         (["planner=cem,gradient", "planner.horizon=10,20", "lookup=map,exact"], 4),
         (["training_layouts=[fog],[original]", "world=fog,original"], 2),
+        (["agent.kind=planner,random", "seed=range(0,3)"], 1),  # folders of jobs are named by it
         (["++seed=0,1", "members=1,2"], 2),
         (["title='a b','$'"], 2),
     ],
