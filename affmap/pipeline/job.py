@@ -114,10 +114,9 @@ def check_members(configs: Sequence[Config]) -> None:
         ConfigError: there is one.
     """
     jobs: dict[str, list[range]] = {}
+    rest = {*MAP.all_keys, *CONTROL.all_keys} - {"seed", "members"}
     for config in configs:
-        parts = [definition.of(config).config for definition in (MAP, CONTROL)]
-        rest = [{key: value for key, value in part.items() if key not in ("seed", "members")} for part in parts]
-        jobs.setdefault(canonical(rest), []).append(config.seeds)
+        jobs.setdefault(canonical(config.part(rest)), []).append(config.seeds)
     for seeds in jobs.values():
         for one, other in pairwise(sorted(seeds, key=attrgetter("start"))):
             if other.start < one.stop:

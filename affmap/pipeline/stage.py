@@ -7,6 +7,7 @@ Knows nothing of how stages are made: that has a file for each.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from affmap.config.root import Config
 from affmap.store.stage import Stage
@@ -25,10 +26,17 @@ class StageDefinition:
 
     def of(self, config: Config) -> Stage:
         """The stage of a job: its name, all that its result depends on, and the versions of the rules above 1."""
-        chain = list(self._chain())
-        keys = {key for each in chain for key in each.keys}
-        versions = {each.name: each.version for each in chain if each.version > 1}
-        return Stage(self.name, config.part(keys), versions)
+        return Stage(self.name, config.part(self.all_keys), self._versions)
+
+    @cached_property
+    def all_keys(self) -> tuple[str, ...]:
+        """Keys of the configuration that it and the stages before it depend on, in the order of the configuration."""
+        keys = {key for each in self._chain() for key in each.keys}
+        return tuple(key for key in Config.model_fields if key in keys)
+
+    @cached_property
+    def _versions(self) -> dict[str, int]:
+        return {each.name: each.version for each in self._chain() if each.version > 1}
 
     def _chain(self) -> Iterator["StageDefinition"]:
         if self.needs:

@@ -75,7 +75,7 @@ class Settings(BaseModel):
     def part(self, keys: Collection[str]) -> dict[str, Any]:
         """Plain values of some keys, as in `plain`; settings that share a value share its plain value."""
         neutral = self._neutral()
-        values = {key: getattr(self, key) for key in type(self).model_fields if key in keys}
+        values = {key: getattr(self, key) for key in keys}
         return {key: _plain(value) for key, value in values.items() if key not in neutral or value != neutral[key]}
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
