@@ -1,6 +1,6 @@
-"""Libraries that take a second or more to import, imported on first use: settings are checked without them (leaf).
+"""Libraries that take seconds to import, imported on first use: settings are checked without them (leaf).
 
-Nothing in `sys.modules` before: NumPy's and SciPy's users look there for torch, and would import it.
+`importlib.util.LazyLoader` does not serve: it puts torch into `sys.modules`, where SciPy finds it and so imports it.
 """
 
 from importlib import import_module
