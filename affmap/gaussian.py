@@ -3,12 +3,15 @@
 All results are in nats, summed over the last axis, constants included.
 """
 
+from __future__ import annotations
+
 import math
 from functools import reduce
 from operator import add
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from torch import Tensor
+if TYPE_CHECKING:
+    from torch import Tensor
 
 LOG_2_PI = math.log(2 * math.pi)
 

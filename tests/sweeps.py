@@ -27,7 +27,7 @@ LINE = [
     "hydra.launcher.n_jobs=1",
 ]
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["affmap.cli.run", "affmap.training.fit", "affmap.control.episodes", "joblib"])
+CONTEXT.set_forkserver_preload(["affmap.cli.run", "affmap.pipeline.execution", "affmap.training.fit", "joblib"])
 
 
 def line(folder: Path) -> list[str]:

@@ -16,11 +16,7 @@ from commands import line
 
 from affmap import pipeline
 from affmap.config import sweep
-from affmap.pipeline.collect import DATA
-from affmap.pipeline.control import CONTROL
-from affmap.pipeline.paint import MAP
-from affmap.pipeline.stage import StageDefinition
-from affmap.pipeline.train import TRAIN
+from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN, StageDefinition
 from affmap.results.setting import Setting
 
 STORED = Path(__file__).parent / "golden" / "toy"

@@ -8,7 +8,8 @@ from affmap.cli.app import SweepError, command, flags, read_sweep
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
-from affmap.pipeline.completed import all_stages, completed
+from affmap.pipeline.completed import completed
+from affmap.pipeline.job import all_stages
 from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves

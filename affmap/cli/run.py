@@ -18,8 +18,7 @@ from affmap.config.root import Config, plain
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
-from affmap.pipeline.completed import all_stages
-from affmap.pipeline.job import check_logger, check_models, check_trials, find, is_complete, run, score
+from affmap.pipeline.job import all_stages, check_logger, check_models, check_trials, find, is_complete
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
 from affmap.store.files import locked
@@ -135,6 +134,8 @@ def _job(composed: DictConfig) -> float | list[float] | None:
     end_with_parent()
     try:
         with ended_by_scheduler():
+            from affmap.pipeline.execution import run, score  # torch takes seconds to import
+
             config = Config.checked(plain(composed), "the configuration")
             if config.objective:
                 return score(config)

@@ -1,8 +1,9 @@
 """The checked configuration of one job, composed by Hydra from its overrides; Hydra's errors become sentences."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from affmap.config import memory
 from affmap.config.root import Config, plain
 from affmap.settings import ConfigError, check_folder, folder
 from affmap.settings.messages import one_line, shown
+
+FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
+LAUNCHER, WORKERS = "hydra.launcher", "hydra.launcher.n_jobs"
 
 MAX_WORKERS = 1024
 """Jobs at the same time."""
@@ -34,30 +38,39 @@ def check(overrides: Sequence[str]) -> Config:
     origins[""] = "the configuration"  # checked together
     config = Config.checked(values(composed), "conf/config.yaml or the command line", origins)
     memory.check(config)
-    _check_launch(composed)
+    check_launch(launch(composed))
     return config
 
 
-def _check_launch(composed: Any) -> None:
+def check_launch(settings: Mapping[str, Any]) -> None:
     """Refuse what Hydra would stumble over only when it starts the jobs: its folders and the number of workers.
+
+    Args:
+        settings: what `launch` returned.
 
     Raises:
         ConfigError: one of them cannot be used.
     """
-    composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
-    for key in ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir"):
-        with hydra_errors():
-            path = OmegaConf.select(composed, key)
+    for key in FOLDERS:
+        path = settings[key]
         try:
             check_folder(Path(path or ""))
         except ValueError as error:
             raise ConfigError(f"{key} = {shown(path)} is not allowed: it {error}.") from None
-    workers = OmegaConf.select(composed, "hydra.launcher.n_jobs", default=1)  # not all launchers have it
-    if composed.hydra.launcher is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
+    workers = settings[WORKERS]
+    if settings[LAUNCHER] is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
         raise ConfigError(
             f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a "
             "job on each core."
         )
+
+
+def launch(composed: Any) -> dict[str, Any]:
+    """Hydra's settings of how jobs are launched: their folders, and the number of workers where the launcher has it."""
+    composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
+    with hydra_errors():
+        settings = {key: OmegaConf.select(composed, key) for key in (*FOLDERS, LAUNCHER)}
+        return {**settings, WORKERS: OmegaConf.select(composed, WORKERS, default=1)}
 
 
 def parse(overrides: Sequence[str]) -> list[Override]:
@@ -68,8 +81,15 @@ def parse(overrides: Sequence[str]) -> list[Override]:
 
 
 def compose(overrides: Sequence[str]) -> Any:
-    """What Hydra makes of the overrides of one job, its own settings included."""
-    with hydra_errors(), initialize_config_dir(str(folder()), version_base="1.3"):
+    """What Hydra makes of the overrides of one job, its own settings included; the same object if asked again."""
+    files = [folder(), *folder().rglob("*")]
+    return _compose(tuple(overrides), folder(), max(path.stat().st_mtime_ns for path in files))
+
+
+@lru_cache(maxsize=64)
+def _compose(overrides: tuple[str, ...], conf: Path, changed: int) -> Any:
+    """The same, of a folder whose files were last `changed` at some time."""
+    with hydra_errors(), initialize_config_dir(str(conf), version_base="1.3"):
         return hydra.compose("config", [*overrides], return_hydra_config=True)
 
 

@@ -3,19 +3,17 @@
 import os.path
 from collections.abc import Mapping
 from itertools import combinations
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from affmap.control.agent import ControlSettings
 from affmap.control.registry import PLANNER, AnyAgent
-from affmap.data.collect import Exploration
+from affmap.control.settings import ControlSettings
+from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, is_procedural
-from affmap.model.lookup import LookupSettings
-from affmap.model.stack import ModelSettings
+from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
@@ -125,13 +123,15 @@ class Config(Settings):
 
     @model_validator(mode="after")
     def _check_folders(self) -> Self:
-        folders = {"output": self.output, "store": self.store, "reference": self.reference}
-        for (key, folder), (other, its) in combinations(folders.items(), 2):
-            if _same(folder, its):
-                raise ValueError(f"{key} and {other} are both {shown(str(its))}; give each a folder of its own.")
+        keys = ("output", "store", "reference")
+        folders = {key: os.path.abspath(getattr(self, key)) for key in keys}
+        for key, other in combinations(keys, 2):
+            if folders[key] == folders[other]:
+                both = shown(str(getattr(self, other)))
+                raise ValueError(f"{key} and {other} are both {both}; give each a folder of its own.")
         published = self.reference.parent / self.output.name  # `affmap-publish` replaces it
         for key in ("store", "reference"):
-            if _same(published, folders[key]):
+            if os.path.abspath(published) == folders[key]:
                 raise ValueError(
                     f"output = {shown(str(self.output))} would be published as {shown(str(published))}, where {key} "
                     "is; give it another name."
@@ -172,10 +172,6 @@ class Config(Settings):
         return range(self.seed, self.seed + self.members)
 
 
-def _same(one: Path, other: Path) -> bool:
-    return os.path.abspath(one) == os.path.abspath(other)
-
-
 def label(config: Config) -> str:
     """What tells a job from the others of its sweep."""
     layout, size = config.control_layout.name, config.model.context_size
@@ -186,7 +182,8 @@ def plain(config: Any) -> dict[str, Any]:
     """The values of a composed Hydra configuration, without Hydra's own."""
     from omegaconf import OmegaConf
 
-    own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
-    values = OmegaConf.to_container(own, resolve=True, throw_on_missing=True)
-    assert isinstance(values, dict)
-    return {str(key): value for key, value in values.items()}
+    own = {str(key): value for key, value in config.items() if key != "hydra"}
+    return {
+        key: OmegaConf.to_container(value, resolve=True, throw_on_missing=True) if OmegaConf.is_config(value) else value
+        for key, value in own.items()
+    }

@@ -10,11 +10,11 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.types import Override, RangeSweep
 from pydantic import TypeAdapter
 
-from affmap.config.compose import check, compose, hydra_errors, parse, values
+from affmap.config.compose import compose, hydra_errors, parse, values
+from affmap.config.jobs import Checker, expand
 from affmap.config.root import Config
 from affmap.settings import ConfigError
 from affmap.settings.messages import one_line
@@ -139,21 +139,16 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
     if not 0 < number <= MAX_JOBS:
         values = " x ".join(f"{count} of {key}" for key, count in counts.items())
         raise ConfigError(f"the sweep has {number} jobs ({one_line(values)}); it should have 1 to {MAX_JOBS}.")
-    return [check(job) for job in _split(parsed)]
+    checker = Checker()
+    return [checker.check(job) for job in expand(parsed)]
 
 
 def swept(overrides: Sequence[str]) -> list[dict[str, str]]:
     """Key -> value of what is swept over, for each job of a command line."""
     parsed = parse(overrides)
     keys = {override.key_or_group for override in parsed if override.is_sweep_override()}
-    lines = [[each.lstrip("+").partition("=") for each in job] for job in _split(parsed)]
+    lines = [[each.line.lstrip("+").partition("=") for each in job] for job in expand(parsed)]
     return [{key: value for key, _, value in job if key in keys} for job in lines]
-
-
-def _split(parsed: Sequence[Override]) -> list[list[str]]:
-    """The overrides of each job."""
-    jobs: list[list[str]] = BasicSweeper.split_arguments(list(parsed), max_batch_size=None)[0]
-    return jobs
 
 
 def _count(override: Override) -> int:

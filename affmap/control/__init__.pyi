@@ -1,5 +1,4 @@
 from .agent import Agent as Agent
-from .agent import ControlSettings as ControlSettings
 from .controller import Controller as Controller
 from .controller import Decision as Decision
 from .controller import Observation as Observation
@@ -10,4 +9,5 @@ from .pilot import Pilot as Pilot
 from .pretrained import load as load
 from .random import RandomAgent as RandomAgent
 from .registry import register as register
+from .settings import ControlSettings as ControlSettings
 from .straight import StraightAgent as StraightAgent

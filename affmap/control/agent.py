@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
-from pydantic import Field
 from torch import Tensor
 
 from affmap import compiled
 from affmap.control.controller import Controller
 from affmap.control.controller import Decision as Decision
 from affmap.control.controller import Observation as Observation
+from affmap.control.settings import ControlSettings as ControlSettings
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
 from affmap.model.code_cache import CachedEncoder
@@ -25,32 +25,11 @@ from affmap.model.stack import Stack
 from affmap.model.transition import Carry
 from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner
-from affmap.settings import ConfigError, Count, NonNegative, Positive, Settings
+from affmap.settings import ConfigError
 from affmap.view import Map
 
 if TYPE_CHECKING:  # needs numba
     from affmap.control.imagination import CompiledImagination
-
-
-class ControlSettings(Settings):
-    """How agents are controlled and evaluated (`conf/control`)."""
-
-    num_steps: Count
-    """T, steps of a run."""
-    runs_per_member: Count
-    """Run r of a member starts in corner r modulo 4."""
-    beta: NonNegative
-    """Weight of the uncertainty in the expected free energy."""
-    goal_std_far: Positive
-    """Standard deviation of the desired position, u."""
-    goal_std_near: Positive
-    """The same once the goal is near, u."""
-    near_distance: Positive
-    """Distance to the goal below which it is near, u."""
-    goal_radius: Positive
-    """Distance to the goal below which it is reached, u."""
-    device: str = Field(pattern=r"^(cpu|cuda(:[0-9]{1,2})?)$", exclude=True)
-    """Where to plan: cpu or cuda."""
 
 
 class AgentState(NamedTuple):

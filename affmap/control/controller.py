@@ -4,15 +4,19 @@ A controller sees what vehicles sense, and nothing else: it may hold a model, a 
 `affmap.control.agent.Agent` does, or none of them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from affmap.gaussian import Gaussian
+from affmap.lazy import torch
 from affmap.planning.planner import Generators
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 class Observation(NamedTuple):
@@ -28,7 +32,7 @@ class Observation(NamedTuple):
     """`[B, 2]`, u."""
 
     @classmethod
-    def of(cls, observations: Sequence[Mapping[str, np.ndarray]], device: str = "cpu") -> "Observation":
+    def of(cls, observations: Sequence[Mapping[str, np.ndarray]], device: str = "cpu") -> Observation:
         """What B environments have returned, as tensors."""
         parts = {key: np.stack([each[key] for each in observations]) for key in cls._fields}
         parts["view"] = parts["view"].astype(bool)
@@ -46,7 +50,7 @@ class Decision(NamedTuple):
     """Expected change of position in the next step, of `[B, 2]`, u/step, from the view at the vehicle."""
 
     @classmethod
-    def without_prediction(cls, action: Tensor) -> "Decision":
+    def without_prediction(cls, action: Tensor) -> Decision:
         """Return the decision of a controller that has no model: only actions `[B, 4]`, and a step that is unknown."""
         unknown = action.new_full((len(action), 2), torch.nan)
         delta = Gaussian(unknown, unknown)

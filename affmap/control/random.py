@@ -3,10 +3,10 @@
 from typing import Literal
 
 import numpy as np
-import torch
 
 from affmap.control.controller import Decision, Observation
 from affmap.control.registry import register
+from affmap.lazy import torch
 from affmap.planning.planner import Generators
 from affmap.settings import Settings
 

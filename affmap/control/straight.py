@@ -2,11 +2,10 @@
 
 from typing import Literal
 
-import torch
-
 from affmap.control.controller import Decision, Observation
 from affmap.control.registry import register
 from affmap.env.body import THROTTLES
+from affmap.lazy import torch
 from affmap.planning.planner import Generators
 from affmap.settings import NonNegative, Positive, Settings
 

@@ -1,2 +1,2 @@
 from .batches import DataModule as DataModule
-from .collect import Exploration as Exploration
+from .settings import Exploration as Exploration

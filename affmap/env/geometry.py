@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from affmap.env.body import Vehicle
 from affmap.env.effects import PULLS
@@ -38,6 +37,8 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
     the force fields that its disc overlaps there. That is sufficient, up to the grid, on which start and goal count at
     their nearest points; it is not necessary: a vehicle may also be carried through a field, or find its way in fog.
     """
+    from scipy import ndimage  # takes a tenth of a second to import
+
     x, y = (np.arange(round(side / STEP) + 1) * STEP for side in layout.size)
     inside_x, inside_y = (
         (axis >= vehicle.radius) & (axis <= side - vehicle.radius)

@@ -136,17 +136,25 @@ class Layout(Arena):
                 f"layout {self.name!r}: start_margin = {self.start_margin} is too small for a vehicle of radius "
                 f"{radius}; make it at least that."
             )
-        obstacles = [(index, circle) for index, circle in enumerate(self.circles) if circle.effect == "obstacle"]
-        for corner, (index, circle) in product(range(4), obstacles):
-            low, high = self.corner(corner)
-            gap = float(np.linalg.norm(circle.center - np.clip(circle.center, low, high))) - circle.radius
+        for corner, index, gap in self._corner_gaps:
             if gap < radius:
+                (low, high), circle = self.corner(corner), self.circles[index]
                 raise ValueError(
                     f"layout {self.name!r}: circles[{index}] (center {list(circle.center)}, radius {circle.radius}) "
                     f"blocks the start corner x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g} "
                     f"(start_margin = {self.start_margin}, start_side = {self.start_side}, size = {list(self.size)}): "
                     f"an obstacle must stay at least {radius} away from it."
                 )
+
+    @cached_property
+    def _corner_gaps(self) -> list[tuple[int, int, float]]:
+        """Corner, index of an obstacle, and the distance between the corner's square and that obstacle (u), of all."""
+        obstacles = [(index, circle) for index, circle in enumerate(self.circles) if circle.effect == "obstacle"]
+        gaps = []
+        for corner, (index, circle) in product(range(4), obstacles):
+            nearest = np.clip(circle.center, *self.corner(corner))
+            gaps.append((corner, index, float(np.linalg.norm(circle.center - nearest)) - circle.radius))
+        return gaps
 
     @property
     def obstacles(self) -> Sequence[Circle]:

@@ -1,9 +1,9 @@
 from .lookup import AffordanceMap as AffordanceMap
 from .lookup import ExactLookup as ExactLookup
-from .lookup import LookupSettings as LookupSettings
 from .palette import Palette as Palette
 from .rollout import Situation as Situation
-from .stack import ModelSettings as ModelSettings
+from .settings import LookupSettings as LookupSettings
+from .settings import ModelSettings as ModelSettings
 from .stack import Stack as Stack
 from .transition import TransitionModel as TransitionModel
 from .vision import VisionModel as VisionModel

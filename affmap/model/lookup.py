@@ -7,42 +7,20 @@ motion, planners or goals.
 
 import math
 from collections.abc import Sequence
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 import torch
-from pydantic import model_validator
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.palette import Palette
+from affmap.model.settings import LookupSettings as LookupSettings
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
-from affmap.settings import NonNegative, Settings
 from affmap.view import Map, view, views
-
-
-class LookupSettings(Settings):
-    """Where planners take context codes from (`conf/lookup`)."""
-
-    spacing: NonNegative
-    """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
-    position, as in the paper."""
-    differentiable: bool
-    """Whether gradients flow through the map to the position; the paper's do not."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.differentiable and self.spacing == 0:
-            raise ValueError("differentiable = True needs an affordance map: lookup.spacing must be greater than 0.")
-        return self
-
-    @property
-    def name(self) -> str:
-        """What tells it from others, in words."""
-        return f"map of {self.spacing:g} u" if self.spacing else "exact look-ups"
 
 
 class Lookup(Protocol):

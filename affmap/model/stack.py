@@ -5,22 +5,11 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from affmap.model.settings import ModelSettings as ModelSettings
 from affmap.model.transition import TransitionModel
 from affmap.model.vision import VisionModel
 from affmap.model.windows import Windows
 from affmap.random import integer
-from affmap.settings import Count, CountOrNone, Positive, Settings
-
-
-class ModelSettings(Settings):
-    """The architecture (`conf/model`)."""
-
-    context_size: CountOrNone
-    """C, length of the context code; 0 is a transition model that sees nothing."""
-    hidden_size: Count
-    """Hidden units of the transition model."""
-    delta_scale: Positive
-    """Factor on the change of position, for inputs and predictions."""
 
 
 class Stack(nn.Module):

@@ -1,9 +1,9 @@
 from .completed import Completed as Completed
+from .execution import run as run
+from .execution import score as score
+from .execution import validation as validation
 from .job import check_members as check_members
 from .job import find as find
 from .job import is_complete as is_complete
-from .job import run as run
-from .job import score as score
 from .job import stages as stages
-from .job import validation as validation
 from .stage import StageDefinition as StageDefinition

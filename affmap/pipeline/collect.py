@@ -5,13 +5,10 @@ import logging
 from affmap.config.root import Config
 from affmap.data.collect import collect, coverage, write_dataset
 from affmap.pipeline.progress import track
-from affmap.pipeline.stage import StageDefinition
 from affmap.results.files import write_coverage
 from affmap.store.attempt import Attempt
 
 log = logging.getLogger("affmap")
-
-DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
 
 
 def make_data(config: Config, attempt: Attempt) -> None:

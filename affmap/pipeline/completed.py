@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
-from affmap.pipeline.job import find, stages
+from affmap.pipeline.job import find
 from affmap.results.provenance import leaves
 from affmap.results.setting import PLANNER, Setting, Value
 from affmap.results.tables import join
 from affmap.settings.messages import ConfigError
-from affmap.store.stage import Stage
 
 
 class Completed(NamedTuple):
@@ -81,10 +80,3 @@ def _value(config: Config, key: str) -> Value | None:
     if isinstance(value, list):
         return " + ".join(str(each.get("name", each)) if isinstance(each, dict) else str(each) for each in value)
     return value
-
-
-def all_stages(sweep: Sweep) -> list[Stage]:
-    """All stages of a sweep, once each."""
-    growth = sweep.growth()
-    every = [stage for each in (sweep, growth) if each for config in each.configs for stage in stages(config)]
-    return list({stage.digest: stage for stage in every}.values())

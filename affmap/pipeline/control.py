@@ -17,16 +17,11 @@ from affmap.env.layout import Layout
 from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
 from affmap.model.stack import Stack
 from affmap.pipeline.progress import track
-from affmap.pipeline.stage import StageDefinition
-from affmap.pipeline.train import TRAIN, trained
+from affmap.pipeline.train import trained
 from affmap.random import generator
 from affmap.results.files import write_layouts, write_runs, write_trajectories
 from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, SPACING, Factor, Value
 from affmap.store.attempt import Attempt
-
-CONTROL = StageDefinition(
-    "control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN, version=2
-)
 
 
 def make_runs(config: Config, train: Path, attempt: Attempt) -> None:

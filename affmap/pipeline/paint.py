@@ -8,12 +8,9 @@ from affmap.config.root import Config
 from affmap.model.lookup import AffordanceMap
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, restore
-from affmap.pipeline.stage import StageDefinition
-from affmap.pipeline.train import TRAIN, trained, untrained
+from affmap.pipeline.train import trained, untrained
 from affmap.results.files import Maps, write_maps
 from affmap.store.attempt import Attempt
-
-MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
 
 
 def make_maps(config: Config, train: Path, attempt: Attempt) -> None:

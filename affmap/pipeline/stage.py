@@ -1,11 +1,13 @@
-"""The definition of a stage: the configuration keys that its result depends on, and the version of its rules.
+"""The stages of a job: the configuration keys that their results depend on, and the versions of their rules.
 
 A stage's configuration is the part of the whole that its result depends on, and nothing else: where two experiments
 agree on it, they share the result. Fields of settings with `exclude=True` say how, not what, and do not count.
+Knows nothing of how stages are made: that has a file for each.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from affmap.config.root import Config
 from affmap.store.stage import Stage
@@ -24,12 +26,27 @@ class StageDefinition:
 
     def of(self, config: Config) -> Stage:
         """The stage of a job: its name, all that its result depends on, and the versions of the rules above 1."""
-        chain = list(self._chain())
-        keys = {key for each in chain for key in each.keys}
-        versions = {each.name: each.version for each in chain if each.version > 1}
-        return Stage(self.name, config.model_dump(mode="json", include=keys), versions)
+        return Stage(self.name, config.part(self.all_keys), self._versions)
+
+    @cached_property
+    def all_keys(self) -> tuple[str, ...]:
+        """Keys of the configuration that it and the stages before it depend on, in the order of the configuration."""
+        keys = {key for each in self._chain() for key in each.keys}
+        return tuple(key for key in Config.model_fields if key in keys)
+
+    @cached_property
+    def _versions(self) -> dict[str, int]:
+        return {each.name: each.version for each in self._chain() if each.version > 1}
 
     def _chain(self) -> Iterator["StageDefinition"]:
         if self.needs:
             yield from self.needs._chain()
         yield self
+
+
+DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
+TRAIN = StageDefinition("train", ("model", "training", "seed", "members"), needs=DATA)
+MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
+CONTROL = StageDefinition(
+    "control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN, version=2
+)

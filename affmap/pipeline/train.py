@@ -6,12 +6,9 @@ from affmap.config.root import Config
 from affmap.data.collect import DATASET
 from affmap.model.stack import Stack
 from affmap.model.weights import WEIGHTS, restore
-from affmap.pipeline.collect import DATA
 from affmap.pipeline.progress import track
-from affmap.pipeline.stage import StageDefinition
+from affmap.pipeline.stage import TRAIN
 from affmap.store.attempt import Attempt
-
-TRAIN = StageDefinition("train", ("model", "training", "seed", "members"), needs=DATA)
 
 
 def make_models(config: Config, data: Path, attempt: Attempt) -> None:

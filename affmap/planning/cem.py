@@ -10,18 +10,22 @@ evaluated, and the distribution moves to the elites. What each modification is t
 - values outside [0, 1] are drawn again: a truncated normal, drawn in one shot through its quantile function.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 import numpy as np
-import torch
 from pydantic import Field, model_validator
-from torch import Tensor
 
 from affmap import compiled
+from affmap.lazy import torch
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
 from affmap.planning.registry import register
 from affmap.settings import Count, CountOrNone, Positive, Settings, Share
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 SQRT_2 = math.sqrt(2)
 

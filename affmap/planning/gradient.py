@@ -5,15 +5,19 @@ to [0, 1], and an early stop: a problem whose last update made its cost larger t
 After the search the actions are shifted by a step for a warm start.
 """
 
-from typing import Annotated, Literal, NamedTuple
+from __future__ import annotations
 
-import torch
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+
 from pydantic import Field
-from torch import Tensor
 
+from affmap.lazy import torch
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
 from affmap.planning.registry import register
 from affmap.settings import Count, Positive, Settings, Share
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 class GradientState(NamedTuple):

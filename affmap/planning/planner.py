@@ -3,14 +3,19 @@
 A planner sees a callable and tensors: no models, no worlds, no goals.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-import torch
-from torch import Tensor
 
-Objective = Callable[[Tensor], Tensor]
+from affmap.lazy import torch
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Objective = Callable[["Tensor"], "Tensor"]
 """Cost of candidates: actions `[B, N, H, 4]` -> `[B, N]`, to be minimised.
 
 Planners that need no gradient call it in torch's inference mode: it must not differentiate anything itself then. They

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from affmap.env.effects import EFFECTS
 from affmap.env.geometry import circle_distance, surface_distance
 from affmap.env.layout import Layout
+from affmap.lazy import stats
 from affmap.results.files import Floats
 from affmap.results.setting import CONTEXT_SIZE, Setting
 from affmap.results.tables import Results
@@ -102,7 +102,7 @@ def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
     tables = []
     for setting in settings:
         paths = results.trajectories(setting)
-        predicted = norm(paths.planned_position[:, :, 0], paths.planned_std[:, :, 0])
+        predicted = stats.norm(paths.planned_position[:, :, 0], paths.planned_std[:, :, 0])
         errors = -np.sum(predicted.logpdf(paths.position[:, 1:]), axis=-1)
         runs = zip(paths.position, results.worlds(setting), strict=True)
         radius = results.vehicle_radius(setting)

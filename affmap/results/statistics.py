@@ -13,8 +13,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
+from affmap.lazy import stats
 from affmap.results.metrics import Statistic
 
 LEVEL = 0.05

@@ -6,9 +6,9 @@ which it has where it is missing.) It knows nothing of Hydra.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -48,6 +48,7 @@ class Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
 
     @classmethod
+    @cache
     def _neutral(cls) -> dict[str, Any]:
         """Key -> its neutral value, for those that have one."""
         fields = cls.model_fields.items()
@@ -61,10 +62,28 @@ class Settings(BaseModel):
     @model_serializer(mode="wrap")
     def _drop_neutral(self, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
         values: dict[str, Any] = write(self)
-        if info.context == _COMPLETE:
-            return values
         neutral = self._neutral()
+        if not neutral or info.context == _COMPLETE:
+            return values
         return {key: value for key, value in values.items() if key not in neutral or getattr(self, key) != neutral[key]}
+
+    @cached_property
+    def plain(self) -> dict[str, Any]:
+        """Plain, JSON-compatible values of all keys that are not neutral; made once, and not to be changed."""
+        return self.model_dump(mode="json")
+
+    def part(self, keys: Collection[str]) -> dict[str, Any]:
+        """Plain values of some keys, as in `plain`; settings that share a value share its plain value."""
+        neutral = self._neutral()
+        values = {key: getattr(self, key) for key in keys}
+        return {key: _plain(value) for key, value in values.items() if key not in neutral or value != neutral[key]}
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy, in which some values are others; see pydantic."""
+        copied = super().model_copy(update=update, deep=deep)
+        for name in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[name]  # cached properties follow from the old values
+        return copied
 
     def complete(self) -> dict[str, Any]:
         """Plain values of all keys, those at their neutral value included."""
@@ -96,6 +115,12 @@ class Settings(BaseModel):
         except ValidationError as error:
             found = error.errors(include_url=False)
             raise ConfigError(sentences(found, values, origin, origins or {})) from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Settings):
+        return value.plain
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
 
 
 def folder() -> Path:

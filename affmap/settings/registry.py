@@ -1,5 +1,6 @@
 """Settings of several kinds that a configuration chooses from by their key `kind`."""
 
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
@@ -16,15 +17,15 @@ class Registry:
     """Kinds of settings: those of a folder of the package, and whatever else is registered."""
 
     def __init__(self, package: str) -> None:
-        """Begin with none; every module of `package` is loaded before a choice is made."""
+        """Begin with none; a module of `package` is loaded when its kind is chosen."""
         self._package = package
         self._registered: list[type[Settings]] = []
 
     def register(self, settings: type[S]) -> type[S]:
         """Make a class known to configurations, by the value of its field `kind`; to be put above the class.
 
-        Every module of the folder is loaded before a configuration is checked; a class elsewhere is known once its
-        module has been imported.
+        Modules of the folder are loaded when a configuration is checked; a class elsewhere is known once its module has
+        been imported.
 
         Raises:
             ValueError: it has no field `kind`, or another class has this kind.
@@ -41,9 +42,19 @@ class Registry:
 
     def choose(self, values: Any) -> Any:
         """The settings of plain values, by their `kind`."""
-        for module in iter_modules(import_module(self._package).__path__):
-            import_module(f"{self._package}.{module.name}")
+        if isinstance(values, tuple(self._registered)):
+            return values
+        kind = values.get("kind") if isinstance(values, Mapping) else getattr(values, "kind", None)
+        modules = [module.name for module in iter_modules(import_module(self._package).__path__)]
+        # The module with the name of the kind is enough where that is known then; some of the others import torch.
+        self._load(name for name in modules if name == kind)
+        if not any(kind in [*_kinds(each)] for each in self._registered):
+            self._load(modules)
         return _adapter(*sorted(self._registered, key=lambda each: sorted(_kinds(each)))).validate_python(values)
+
+    def _load(self, modules: Iterable[str]) -> None:
+        for name in modules:
+            import_module(f"{self._package}.{name}")
 
 
 def _kinds(settings: type[Settings]) -> set[str]:

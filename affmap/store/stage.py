@@ -8,10 +8,11 @@ import json
 import os
 import shutil
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
+from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
@@ -24,17 +25,18 @@ class StoreError(Exception):
     """What lies in the store cannot be used; the message names the file and the remedy."""
 
 
-class Stage(NamedTuple):
+@dataclass(frozen=True)
+class Stage:
     """A piece of work, and all that its result depends on."""
 
     name: str
     config: Mapping[str, Any]
     """Plain, JSON-compatible values."""
-    rules: Mapping[str, int] = MappingProxyType({})
+    rules: Mapping[str, int] = field(default_factory=dict)
     """Stage -> version of the rules that make its numbers, of this one and those that it starts from; without those
     of version 1."""
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """The stage's name on disk; equal configurations have equal digests, in whatever order their keys come."""
         return hashlib.sha256(canonical({"name": self.name, **self.origin}).encode()).hexdigest()[:16]
@@ -42,7 +44,7 @@ class Stage(NamedTuple):
     @property
     def configuration(self) -> str:
         """The digest that the stage would have if all of its rules had version 1: that of its configuration."""
-        return self._replace(rules={}).digest
+        return replace(self, rules={}).digest if self.rules else self.digest
 
     @property
     def origin(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, make_lookup
 from affmap.model.stack import Stack
 from affmap.model.weights import WEIGHTS, restore
-from affmap.pipeline.train import TRAIN
+from affmap.pipeline.stage import TRAIN
 from affmap.planning.gradient import GradientPlanner
 from affmap.planning.planner import Objective
 from affmap.random import generator, integer

@@ -26,7 +26,7 @@ from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import Stack
 from affmap.model.weights import restore
 from affmap.pipeline.completed import completed
-from affmap.pipeline.train import TRAIN
+from affmap.pipeline.stage import TRAIN
 from affmap.random import generator
 from affmap.results.files import VALIDATION_COLUMNS
 from affmap.results.setting import Setting
@@ -602,6 +602,7 @@ def test_output_that_nobody_reads_is_no_mistake() -> None:
     """`head -1` closes the pipe after a line."""
     program = """
 from affmap.cli import app
+from affmap.pipeline.stage import TRAIN
 
 app.command(lambda _: [print(line, flush=True) for line in range(100_000)])
 """

@@ -16,11 +16,8 @@ from affmap.config import sweep
 from affmap.config.root import Config, label
 from affmap.control.straight import StraightAgent
 from affmap.env.procedural import Procedural
-from affmap.pipeline.collect import DATA
-from affmap.pipeline.control import CONTROL
 from affmap.pipeline.job import open_store
-from affmap.pipeline.paint import MAP
-from affmap.pipeline.train import TRAIN
+from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.settings import ConfigError, folder, read

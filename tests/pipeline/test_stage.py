@@ -9,11 +9,8 @@ from affmap.config import compose
 from affmap.config.root import Config
 from affmap.env.layout import Circle, Layout
 from affmap.model.stack import ModelSettings
-from affmap.pipeline.collect import DATA
-from affmap.pipeline.control import CONTROL
 from affmap.pipeline.job import stages
-from affmap.pipeline.paint import MAP
-from affmap.pipeline.train import TRAIN
+from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
 from affmap.settings import Neutral, read
 
 

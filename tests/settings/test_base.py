@@ -178,3 +178,29 @@ def test_a_key_without_a_neutral_value_is_still_needed() -> None:
         Grown.checked(
             {key: value for key, value in Cart.load("cart", "good").model_dump().items() if key != "mass"}, "x"
         )
+
+
+class Garage(Settings):
+    carts: tuple[Cart, ...]
+    first: Cart
+    name: str
+    dry: Annotated[bool, Neutral(True)]
+
+
+def test_a_part_is_what_pydantic_writes_of_it() -> None:
+    """Pydantic's own serialization, of the same and of other values; a neutral value is left out of both."""
+    cart = Cart(mass=2.0, gears=3, color="red", wheels=(Wheel(radius=0.5),), doors=("left",), owner="me")
+    for dry in (True, False):
+        garage = Garage(carts=(cart, cart), first=cart, name="mine", dry=dry)
+        for keys in (["dry", "name", "first"], ["carts"], []):
+            assert garage.part(keys) == garage.model_dump(mode="json", include=set(keys))
+        assert garage.part(["first"])["first"] is cart.plain
+
+
+def test_a_copy_with_other_values_has_their_plain_values() -> None:
+    """By hand; that of the original has been asked for before."""
+    wheel = Wheel(radius=0.5)
+    assert wheel.plain == {"radius": 0.5} and wheel.plain is wheel.plain
+    for deep in (False, True):
+        assert wheel.model_copy(update={"radius": 2.0}, deep=deep).plain == {"radius": 2.0}
+    assert wheel.plain == {"radius": 0.5} and wheel.model_copy() == wheel

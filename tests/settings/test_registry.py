@@ -1,5 +1,8 @@
 """Settings of several kinds, by hand."""
 
+import importlib
+import sys
+from pathlib import Path
 from typing import Literal
 
 import pytest
@@ -75,3 +78,25 @@ def test_kinds_are_told_apart() -> None:
         registry.register(Anything)
     with pytest.raises(ValueError, match="Plain is no Settings class"):
         registry.register(Plain)  # type: ignore[type-var]
+
+
+def test_a_kind_is_found_in_the_module_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of three modules: the one of the name alone is loaded, and all where the name does not tell."""
+    folder = tmp_path / "zoo_of_kinds"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(
+        "from affmap.settings.registry import Registry\nregistry = Registry('zoo_of_kinds')\n"
+    )
+    for name, kind in (("cow", "cow"), ("pig", "pig"), ("pets", "hamster")):
+        (folder / f"{name}.py").write_text(
+            "from typing import Literal\nfrom affmap.settings import Settings\nfrom zoo_of_kinds import registry\n"
+            f"@registry.register\nclass {kind.title()}(Settings):\n    kind: Literal[{kind!r}]\n"
+        )
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = importlib.import_module("zoo_of_kinds").registry
+    loaded = {"cow": ["cow"], "hamster": ["cow", "pets", "pig"]}
+    for kind, modules in loaded.items():
+        assert registry.choose({"kind": kind}).kind == kind
+        assert sorted(name for name in ("cow", "pig", "pets") if f"zoo_of_kinds.{name}" in sys.modules) == modules
+    for name in [name for name in sys.modules if name.startswith("zoo_of_kinds")]:
+        del sys.modules[name]

@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,11 +62,11 @@ def test_the_digest_is_that_of_2026() -> None:
     """Stored in 2026-11: the reference run's folders are found by it."""
     assert STAGE.digest == "2b946ecaeb51bbe4"
     different = [
-        STAGE._replace(name="data"),
-        STAGE._replace(config={**STAGE.config, "seed": 4}),
-        STAGE._replace(config={**STAGE.config, "seed": 3.0}),
-        STAGE._replace(config={**STAGE.config, "model": {"context_size": 8, "widths": [2.5, 1]}}),
-        STAGE._replace(config={**STAGE.config, "more": None}),
+        replace(STAGE, name="data"),
+        replace(STAGE, config={**STAGE.config, "seed": 4}),
+        replace(STAGE, config={**STAGE.config, "seed": 3.0}),
+        replace(STAGE, config={**STAGE.config, "model": {"context_size": 8, "widths": [2.5, 1]}}),
+        replace(STAGE, config={**STAGE.config, "more": None}),
     ]
     digests = {stage.digest for stage in [STAGE, *different]}
     assert len(digests) == 6 and all(re.fullmatch(r"[0-9a-f]{16}", digest) for digest in digests)
@@ -92,7 +93,7 @@ def test_a_stage_is_built_once_and_found_from_then_on(tmp_path: Path) -> None:
     assert len(built) == 1 and built[0] != folder
     assert {path.name for path in folder.iterdir()} == {"result.txt", PROVENANCE}
     assert {path.name for path in folder.parent.iterdir()} == {STAGE.digest}
-    assert store.find(STAGE._replace(name="data")) is None
+    assert store.find(replace(STAGE, name="data")) is None
 
 
 def test_a_failure_keeps_the_scratch_folder_for_the_next_attempt(tmp_path: Path) -> None:
@@ -211,7 +212,7 @@ def test_a_read_only_place_comes_first_and_is_never_written(tmp_path: Path) -> N
     store = Store(tmp_path / "own", [tmp_path / "nowhere", tmp_path / "kept"])
     assert store.find(STAGE) == store.ensure(STAGE, build) == kept != own
     before = sorted(tmp_path.glob("kept/**/*"))
-    other = STAGE._replace(name="map")
+    other = replace(STAGE, name="map")
     assert store.ensure(other, build).is_relative_to(tmp_path / "own")
     assert sorted(tmp_path.glob("kept/**/*")) == before and not (tmp_path / "nowhere").exists()
 

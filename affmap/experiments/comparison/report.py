@@ -12,7 +12,6 @@ from typing import Any
 
 import pandas as pd
 
-from affmap.experiments.comparison.figures import draw_differences
 from affmap.report import build
 from affmap.results import provenance, statistics
 from affmap.results.metrics import METRICS
@@ -85,6 +84,8 @@ class ComparisonReport:
         Raises:
             ConfigError: all jobs have the same value of the key.
         """
+        from affmap.experiments.comparison.figures import draw_differences  # Matplotlib takes a second to import
+
         runs = [_with_loss(job).assign(**{self._factor: value_of(job, self.key)}) for job in self.jobs]
         table = compare(every := pd.concat(runs, ignore_index=True), self.key)
         write_runs(self.output / "tables", self.name, every)

@@ -13,7 +13,7 @@ import pandas as pd
 
 from affmap.report import blocks, build, captions, content, page, sentences
 from affmap.report.blocks import Block
-from affmap.report.experiment import deviations
+from affmap.report.sections import deviations
 from affmap.results import manifest, provenance
 from affmap.results.claims import Claim, Score
 from affmap.results.numbers import NOTHING, number, p_value, points

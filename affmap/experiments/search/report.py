@@ -10,7 +10,6 @@ from typing import Any
 
 import pandas as pd
 
-from affmap.experiments.search.figures import draw_search
 from affmap.report import build
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
@@ -81,6 +80,8 @@ class SearchReport:
         Raises:
             ConfigError: there are no complete trials.
         """
+        from affmap.experiments.search.figures import draw_search  # Matplotlib takes a second to import
+
         table = read(self.path)
         keys = [key for key in table.columns if key not in FIXED]
         mask = pd.Series(bool(set(keys) <= self.in_use.keys()), table.index)

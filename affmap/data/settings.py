@@ -1,0 +1,33 @@
+"""The numbers of exploration, apart from the code that needs the environment (which takes a second to import)."""
+
+from typing import Self
+
+from pydantic import model_validator
+
+from affmap.settings import Count, Seed, Settings, Share
+
+
+class Exploration(Settings):
+    """How data are collected (`conf/data`)."""
+
+    seed: Seed
+    """Seed of exploration and of the batch order."""
+    num_sequences: Count
+    """Sequences in each world."""
+    num_steps: Count
+    """T, steps of a sequence."""
+    num_validation: Count
+    """How many of the sequences of each world, the last ones, are kept for validation."""
+    max_hold: Count
+    """Each action is held for 1 to `max_hold` steps; longer holds reach higher speeds."""
+    binary_share: Share
+    """Share of the actions whose throttles are fully open or closed; the others are uniform in [0, 1]."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.num_validation >= self.num_sequences:
+            raise ValueError(
+                f"num_validation = {self.num_validation} leaves nothing to train on; "
+                f"it must be less than num_sequences = {self.num_sequences}."
+            )
+        return self

@@ -1,0 +1,25 @@
+"""Libraries that take seconds to import, imported on first use: settings are checked without them (leaf).
+
+`importlib.util.LazyLoader` does not serve: it puts torch into `sys.modules`, where SciPy finds it and so imports it.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import torch as torch
+    from scipy import stats as stats
+else:
+
+    class _Library:
+        """Has the attributes of a module, which is imported when the first of them is asked for."""
+
+        def __init__(self, name: str) -> None:
+            self._name = name
+
+        def __getattr__(self, attribute: str) -> Any:
+            value = getattr(import_module(self._name), attribute)
+            setattr(self, attribute, value)  # found without this method from now on
+            return value
+
+    torch, stats = _Library("torch"), _Library("scipy.stats")

@@ -1,0 +1,39 @@
+"""The numbers of models and look-ups, apart from the code that needs torch (which takes seconds to import)."""
+
+from typing import Self
+
+from pydantic import model_validator
+
+from affmap.settings import Count, CountOrNone, NonNegative, Positive, Settings
+
+
+class ModelSettings(Settings):
+    """The architecture (`conf/model`)."""
+
+    context_size: CountOrNone
+    """C, length of the context code; 0 is a transition model that sees nothing."""
+    hidden_size: Count
+    """Hidden units of the transition model."""
+    delta_scale: Positive
+    """Factor on the change of position, for inputs and predictions."""
+
+
+class LookupSettings(Settings):
+    """Where planners take context codes from (`conf/lookup`)."""
+
+    spacing: NonNegative
+    """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
+    position, as in the paper."""
+    differentiable: bool
+    """Whether gradients flow through the map to the position; the paper's do not."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.differentiable and self.spacing == 0:
+            raise ValueError("differentiable = True needs an affordance map: lookup.spacing must be greater than 0.")
+        return self
+
+    @property
+    def name(self) -> str:
+        """What tells it from others, in words."""
+        return f"map of {self.spacing:g} u" if self.spacing else "exact look-ups"
