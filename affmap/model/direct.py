@@ -38,7 +38,7 @@ class Weights(NamedTuple):
     @classmethod
     def of(cls, vision: VisionModel) -> "Weights":
         """Those of a vision model."""
-        from affmap.compiled.vision import PICTURES
+        from affmap.compiled.direct import PICTURES
 
         pixels = (torch.arange(PICTURES)[:, None] >> torch.arange(9) & 1).float()
         pictures = pixels @ vision.conv1_weight.flatten(-2).permute(0, 2, 3, 1)  # [M, K, 512, q]
@@ -77,7 +77,7 @@ class DirectEncoder:
         places, num_members = for_compiled(positions), len(self._stack.seeds)
         if places is None or len(positions) != num_members or not self._ready():
             return None
-        from affmap.compiled.vision import codes_at
+        from affmap.compiled.direct import codes_at
 
         scenes = [world.scenes[places.dtype] for world in worlds]
         num_groups = num_members if len(scenes) == 1 else len(scenes)
@@ -99,7 +99,7 @@ class DirectEncoder:
         """
         if not compiled.enabled() or views.device.type != "cpu" or not self._ready():
             return None
-        from affmap.compiled.vision import codes_of
+        from affmap.compiled.direct import codes_of
 
         codes = views.new_empty(*views.shape[:2], self._stack.context_size, dtype=torch.float32)
         codes_of(*self._weights, views.contiguous().numpy(), codes.numpy())
