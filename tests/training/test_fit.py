@@ -178,6 +178,12 @@ def test_validation_is_the_mean_over_all_validation_steps(dataset: Path, undistu
         np.testing.assert_allclose(table[epoch], nll, atol=2e-5)
 
 
+def test_a_checkpoint_counts_updates(undisturbed: Path) -> None:
+    """By hand: four epochs; a step of Lightning's is several updates."""
+    (path,) = (undisturbed / "checkpoints").iterdir()
+    assert torch.load(path, weights_only=True)["global_step"] == 4 * BATCHES_PER_EPOCH
+
+
 def test_a_member_trained_in_a_stack_is_the_seed_trained_alone(
     dataset: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -262,15 +268,15 @@ def killed(
 ) -> None:
     """A training that ends in the middle, after so many updates of its own."""
     counter = iter(range(updates))
-    step = TrainingModule.training_step
+    update = TrainingModule.update
 
     def stop(self: TrainingModule, *arguments: object) -> torch.Tensor:
         if next(counter, None) is None:
             raise Killed
-        return step(self, *arguments)  # type: ignore[arg-type]
+        return update(self, *arguments)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
-        patch.setattr(TrainingModule, "training_step", stop)
+        patch.setattr(TrainingModule, "update", stop)
         with pytest.raises(Killed):
             train(dataset, folder, seeds, settings)
 
