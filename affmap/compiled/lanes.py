@@ -257,3 +257,10 @@ def log(x: Any) -> Any:
     result = fma(exponent, splat(np.float32(0.6931471805599453)), result)
     tiny = splat(np.float32(1.1754944e-38))
     return where_less(x, tiny, splat(np.float32(-np.inf)), result)
+
+
+@inlined
+def tanh(x: Any) -> Any:
+    """Hyperbolic tangents, to 1e-7."""
+    one, two = splat(np.float32(1)), splat(np.float32(2))
+    return one - two / (one + exp2(x * splat(np.float32(2.8853900817779268))))  # 2 / log(2)
