@@ -6,6 +6,7 @@ Knows nothing of worlds and planners.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import lightning
@@ -16,6 +17,7 @@ from affmap.data.batches import Batch
 from affmap.gaussian import nll
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
+from affmap.training import loops
 from affmap.training.settings import PerTrial, TrainingSettings
 
 
@@ -57,6 +59,12 @@ class TrainingModule(lightning.LightningModule):
     def update(self, batch: Batch, optimizer: torch.optim.Optimizer) -> Tensor:
         """Make an update of all members; return their losses before it, `[M]` in nats."""
         optimizer.zero_grad()
+        if loops.usable(self.stack):
+            norms = [norm if isinstance(norm, tuple) else (norm,) for _, _, norm in self._parts()]
+            max_norms = [self._per_member(values) for values in norms]
+            compute: Any = partial(loops.update, self.stack, batch, optimizer, max_norms)
+            losses: Any = optimizer.step(compute)  # finds no gradients, and does nothing more than count
+            return losses
         losses = self.loss(batch)
         losses.sum().backward()  # the gradient of each is what it would be alone
         self.configure_gradient_clipping(optimizer)
@@ -83,7 +91,7 @@ class TrainingModule(lightning.LightningModule):
         """Add some batches to the mean over all validation steps."""
         for batch in batches:
             count = batch.action[..., 0].numel()
-            self._sum += self.loss(batch) * count
+            self._sum += count * (loops.losses(self.stack, batch) if loops.usable(self.stack) else self.loss(batch))
             self._count += count
 
     def on_validation_epoch_end(self) -> None:
