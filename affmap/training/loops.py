@@ -19,6 +19,7 @@ from affmap.model.stack import Stack
 from affmap.model.transition import TransitionModel
 from affmap.model.vision import sizes
 from affmap.model.windows import PER_SIDE
+from affmap.training.settings import PerTrial
 
 _WINDOWS = np.arange(PER_SIDE**2).reshape(PER_SIDE, PER_SIDE)
 _TAPS = np.lib.stride_tricks.sliding_window_view(_WINDOWS, (3, 3)).reshape(NUM_PLACES, NUM_TAPS)
@@ -43,14 +44,14 @@ def losses(stack: Stack, batch: Batch) -> Tensor:
     return result + _constant(stack)
 
 
-def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_norms: Sequence[Tensor]) -> Tensor:
+def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_norms: Sequence[PerTrial]) -> Tensor:
     """Make an update of all members by clipping and Adam; return their losses before it, `[M]` in nats.
 
     Args:
         stack: the members.
         batch: the samples.
         optimizer: an Adam with a parameter group for each sub-model; its state is that of updates in PyTorch.
-        max_norms: clipping norms of each member for both sub-models, `[M]` each.
+        max_norms: clipping norms of the sub-models.
     """
     from affmap.compiled import adam, training  # needs numba
 
@@ -60,15 +61,18 @@ def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_nor
         if not state:
             state["step"] = torch.zeros(())
             state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
-        state["step"] += 1
     transition, vision = optimizer.param_groups[0], optimizer.param_groups[-1]
+    norms = [_per_member(max_norm, len(stack.seeds)) for max_norm in max_norms]
+    step = int(states[0]["step"]) + 1
+    for state in states:
+        state["step"].fill_(step)
     rule = adam.Adam(
-        step=int(states[0]["step"]),
+        step=step,
         mean_decay=transition["betas"][0],
         square_decay=transition["betas"][1],
         eps=transition["eps"],
         rates=(float(transition["lr"]), float(vision["lr"])),
-        max_norms=(max_norms[0].float().numpy(), max_norms[-1].float().numpy()),
+        max_norms=(norms[0], norms[-1]),
     )
     means, squares = (_arrays(state[moment] for state in states) for moment in ("exp_avg", "exp_avg_sq"))
     result = torch.empty(len(stack.seeds))
@@ -92,6 +96,12 @@ def _arrays(tensors: Iterable[Tensor]) -> Parameters:
     own = [tensor.detach().numpy() for tensor in tensors]
     own = [array.reshape(len(array), -1, copy=False) for array in own]
     return Parameters(*own, *[np.empty((len(own[0]), 0), np.float32)] * (len(Parameters._fields) - len(own)))
+
+
+def _per_member(value: PerTrial, num_members: int) -> NDArray[np.float32]:
+    """The value of each member, `[M]`, from that of all, or from those of the trials."""
+    values = np.array(value, np.float32, ndmin=1)
+    return values.repeat(num_members // len(values))
 
 
 def _layout(stack: Stack) -> Layout:

@@ -58,17 +58,15 @@ class TrainingModule(lightning.LightningModule):
 
     def update(self, batch: Batch, optimizer: torch.optim.Optimizer) -> Tensor:
         """Make an update of all members; return their losses before it, `[M]` in nats."""
-        optimizer.zero_grad()
         if loops.usable(self.stack):
-            norms = [norm if isinstance(norm, tuple) else (norm,) for _, _, norm in self._parts()]
-            max_norms = [self._per_member(values) for values in norms]
-            compute: Any = partial(loops.update, self.stack, batch, optimizer, max_norms)
+            compute: Any = partial(loops.update, self.stack, batch, optimizer, [norm for _, _, norm in self._parts()])
             losses: Any = optimizer.step(compute)  # finds no gradients, and does nothing more than count
             return losses
         losses = self.loss(batch)
         losses.sum().backward()  # the gradient of each is what it would be alone
         self.configure_gradient_clipping(optimizer)
         optimizer.step()
+        optimizer.zero_grad()
         return losses.detach()
 
     def training_step(self, batches: Sequence[Batch], batch_index: int) -> None:

@@ -15,6 +15,7 @@ import pytest
 import torch
 from torch.distributions import Normal
 
+from affmap import compiled
 from affmap.data.batches import DataModule, read
 from affmap.data.collect import Exploration, collect
 from affmap.env import Layout, Vehicle
@@ -152,6 +153,18 @@ def test_training_is_a_plain_loop(dataset: Path, undisturbed: Path) -> None:
     np.testing.assert_allclose(table["training_nll"], training_nll, atol=1e-3)
     np.testing.assert_allclose(table["validation_nll"], validation_nll, atol=1e-3)
     assert np.ptp(validation_nll) > 0.1
+
+
+def test_without_compiled_loops_pytorch_trains_the_same(
+    dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Losses to float rounding; a training killed in the middle is, bit by bit, one that was not."""
+    monkeypatch.setattr(compiled, "_wanted", False)
+    whole = train(dataset, tmp_path / "whole")
+    killed(dataset, tmp_path / "killed", monkeypatch, 2 * BATCHES_PER_EPOCH + 5)
+    assert_same(train(dataset, tmp_path / "killed"), whole)
+    found, expected = (pd.read_csv(folder / "validation.csv").to_numpy() for folder in (whole, undisturbed))
+    np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 def test_the_table_of_losses(undisturbed: Path) -> None:
