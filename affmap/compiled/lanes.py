@@ -264,3 +264,19 @@ def tanh(x: Any) -> Any:
     """Hyperbolic tangents, to 1e-7."""
     one, two = splat(np.float32(1)), splat(np.float32(2))
     return one - two / (one + exp2(x * splat(np.float32(2.8853900817779268))))  # 2 / log(2)
+
+
+@intrinsic
+def load_one(typing: Any, array: Any, index: Any) -> Any:
+    """The vector of eight times a number of a flat array of float32.
+
+    Faster than `splat` of an element, because nothing checks whether the index counts from the end.
+    """
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        array, index = args
+        number = builder.load(builder.gep(context.make_array(sig.args[0])(context, builder, array).data, [index]))
+        single = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
+        return builder.shuffle_vector(single, single, ir.Constant(_INTS, [0] * WIDTH))
+
+    return Lanes(array, types.intp), lower

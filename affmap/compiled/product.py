@@ -7,7 +7,7 @@ sums grow. Matrices are flat arrays of float32, row by row.
 from typing import Any, NamedTuple
 
 from affmap.compiled.jit import compiled, inlined
-from affmap.compiled.lanes import WIDTH, fma, load, splat, store
+from affmap.compiled.lanes import WIDTH, fma, load, load_one, store
 
 
 class Matrix(NamedTuple):
@@ -69,13 +69,13 @@ def _four_rows(
     a3, b3 = load(start, s + 3 * step), load(start, s + 3 * step + WIDTH)
     for _ in range(depth):
         left, right = load(b, v), load(b, v + WIDTH)
-        factor = splat(a[p])
+        factor = load_one(a, p)
         a0, b0 = fma(left, factor, a0), fma(right, factor, b0)
-        factor = splat(a[p + row])
+        factor = load_one(a, p + row)
         a1, b1 = fma(left, factor, a1), fma(right, factor, b1)
-        factor = splat(a[p + 2 * row])
+        factor = load_one(a, p + 2 * row)
         a2, b2 = fma(left, factor, a2), fma(right, factor, b2)
-        factor = splat(a[p + 3 * row])
+        factor = load_one(a, p + 3 * row)
         a3, b3 = fma(left, factor, a3), fma(right, factor, b3)
         p += column
         v += width
@@ -112,10 +112,10 @@ def _eight_rows(
     a6, a7 = load(start, s + 6 * step), load(start, s + 7 * step)
     for _ in range(depth):
         factors = load(b, v)
-        a0, a1 = fma(factors, splat(a[p]), a0), fma(factors, splat(a[p + row]), a1)
-        a2, a3 = fma(factors, splat(a[p + 2 * row]), a2), fma(factors, splat(a[p + 3 * row]), a3)
-        a4, a5 = fma(factors, splat(a[p + 4 * row]), a4), fma(factors, splat(a[p + 5 * row]), a5)
-        a6, a7 = fma(factors, splat(a[p + 6 * row]), a6), fma(factors, splat(a[p + 7 * row]), a7)
+        a0, a1 = fma(factors, load_one(a, p), a0), fma(factors, load_one(a, p + row), a1)
+        a2, a3 = fma(factors, load_one(a, p + 2 * row), a2), fma(factors, load_one(a, p + 3 * row), a3)
+        a4, a5 = fma(factors, load_one(a, p + 4 * row), a4), fma(factors, load_one(a, p + 5 * row), a5)
+        a6, a7 = fma(factors, load_one(a, p + 6 * row), a6), fma(factors, load_one(a, p + 7 * row), a7)
         p += column
         v += width
     store(c, r, a0)
