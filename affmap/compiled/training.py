@@ -13,31 +13,12 @@ from affmap.compiled.jit import compiled, inlined
 from affmap.compiled.lanes import WIDTH
 from affmap.compiled.layout import NUM_PLACES, Layout, Parameters
 from affmap.compiled.perceptron import loss, predict, predict_back
+from affmap.compiled.samples import Samples
 from affmap.compiled.vision import encode, encode_back, find_sources
 
 f32 = np.float32
 NUM_TRANSITION = 3
 """Parameters of the transition model, which come first."""
-
-
-class Samples(NamedTuple):
-    """A batch of N samples, ordered by the D distinct views that they show; members share it.
-
-    Rows of inputs, views and patches are filled up to eights. Without a vision model there is one view.
-    """
-
-    inputs: NDArray[np.float32]
-    """`[N, 8]`: scaled changes of position, throttles, zeros."""
-    targets: NDArray[np.float32]
-    """`[N, 2]`, not filled up: scaled changes of position."""
-    starts: NDArray[np.int64]
-    """`[D + 1]`, not filled up: where each view's samples begin, and their end."""
-    taps: NDArray[np.int64]
-    """`[D, 4, 9]`: which of U windows is at each tap of each place of the second convolution."""
-    patch_ids: NDArray[np.int64]
-    """`[U, 9]`: which patch stands where in each window."""
-    patches: NDArray[np.float32]
-    """`[V, K * 9 filled up]`: the distinct patches."""
 
 
 class Features(NamedTuple):

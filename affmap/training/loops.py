@@ -13,17 +13,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from affmap import compiled
-from affmap.compiled.layout import NUM_INPUTS, NUM_PLACES, NUM_TAPS, WIDTH, Layout, Parameters, filled, layout
+from affmap.compiled.layout import NUM_TAPS, Layout, Parameters, layout
+from affmap.compiled.samples import Samples, samples
 from affmap.data.batches import Batch
 from affmap.model.stack import Stack
 from affmap.model.transition import TransitionModel
 from affmap.model.vision import sizes
-from affmap.model.windows import PER_SIDE
 from affmap.training.settings import PerTrial
-
-_WINDOWS = np.arange(PER_SIDE**2).reshape(PER_SIDE, PER_SIDE)
-_TAPS = np.lib.stride_tricks.sliding_window_view(_WINDOWS, (3, 3)).reshape(NUM_PLACES, NUM_TAPS)
-"""Which of a view's windows is at each tap of each place of the second convolution."""
 
 
 def usable(stack: Stack) -> bool:
@@ -38,9 +34,7 @@ def losses(stack: Stack, batch: Batch) -> Tensor:
     from affmap.compiled import training  # needs numba
 
     result = torch.empty(len(stack.seeds))
-    training.losses(
-        _arrays(_parameters(stack)), _layout(stack), training.Samples(*_samples(stack, batch)), result.numpy()
-    )
+    training.losses(_arrays(_parameters(stack)), _layout(stack), _samples(stack, batch), result.numpy())
     return result + _constant(stack)
 
 
@@ -76,8 +70,8 @@ def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_nor
     )
     means, squares = (_arrays(state[moment] for state in states) for moment in ("exp_avg", "exp_avg_sq"))
     result = torch.empty(len(stack.seeds))
-    samples = training.Samples(*_samples(stack, batch))
-    training.update(_arrays(parameters), means, squares, _layout(stack), samples, rule, result.numpy())
+    own, places, data = _arrays(parameters), _layout(stack), _samples(stack, batch)
+    training.update(own, means, squares, places, data, rule, result.numpy())
     return result + _constant(stack)
 
 
@@ -117,21 +111,10 @@ def _constant(stack: Stack) -> float:
     return math.log(2 * math.pi) - 2 * math.log(stack.settings.delta_scale)
 
 
-def _samples(stack: Stack, batch: Batch) -> tuple[NDArray, ...]:
-    """The fields of `affmap.compiled.training.Samples`."""
-    scale, views = stack.settings.delta_scale, batch.views
-    ids, window_ids = views.ids.numpy().ravel(), views.window_ids.numpy()
+def _samples(stack: Stack, batch: Batch) -> Samples:
+    ids, window_ids, patch_ids, patches = (part.numpy() for part in batch.views)
     if stack.vision is None:
         ids, window_ids = np.zeros_like(ids), window_ids[:1]
-    order = ids.argsort(kind="stable")
-    inputs = np.zeros((filled(len(ids)), WIDTH), np.float32)
-    inputs[: len(ids), :2] = scale * batch.delta.numpy().reshape(-1, 2)[order]
-    inputs[: len(ids), 2:NUM_INPUTS] = batch.action.numpy().reshape(-1, NUM_INPUTS - 2)[order]
-    targets = scale * batch.target.numpy().reshape(-1, 2)[order]
-    starts = np.append(0, np.bincount(ids, minlength=len(window_ids)).cumsum())
-    taps = np.zeros((filled(len(window_ids)), NUM_PLACES, NUM_TAPS), np.int64)
-    taps[: len(window_ids)] = window_ids[:, _TAPS]
-    pixels = views.patches.numpy()
-    patches = np.zeros((filled(len(pixels)), filled(pixels.shape[1])), np.float32)
-    patches[: len(pixels), : pixels.shape[1]] = pixels
-    return inputs, targets, starts, taps, views.patch_ids.numpy(), patches
+    changes, throttles, targets = (part.flatten(0, -2).numpy() for part in (batch.delta, batch.action, batch.target))
+    scale = np.float32(stack.settings.delta_scale)
+    return samples(ids.ravel(), window_ids, patch_ids, patches, scale * changes, throttles, scale * targets)
