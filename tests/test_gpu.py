@@ -118,14 +118,15 @@ def test_a_training_takes_the_batches_in_turns_and_adds_up_losses(load: Any, job
     total = torch.zeros(2)
     for batch in (*own[:2], own[0]):
         trained.update()
-        total += training.update(module, optimizer, batch)
+        total += module.update(batch, optimizer)
     torch.testing.assert_close(trained.nll, total)
 
 
 def test_other_weights_are_noticed(load: Any, jobs: Any, own: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The CPU's are not trained."""
+    """The CPU begins with weights of other seeds."""
     checks = load("checks")
-    monkeypatch.setattr(checks, "update", lambda *_: None)
+    other = jobs[1].model_copy(update={"seed": 7})
+    monkeypatch.setattr(checks, "untrained", lambda config: load("graphs").untrained(other))
     assert all(check.difference > check.allowed for check in checks.training(jobs[1], own, "cpu"))
 
 
@@ -143,7 +144,7 @@ def test_an_update_waits_for_nothing(
     )
     training = graphs.Training(jobs[number], graphs.Epoch.of(own, "meta"))
     training.update()
-    assert all(parameter.grad.is_meta for parameter in training.module.parameters())
+    assert all(parameter.is_meta for parameter in training.module.parameters())
     with pytest.raises((RuntimeError, NotImplementedError)):
         training.nll.sum().item()
 

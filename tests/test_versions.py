@@ -96,6 +96,10 @@ def test_numbers_are_those_of_the_version(numbers: dict[str, pd.DataFrame], stag
     assert not problem(stage, numbers[stage], stored(stage), versions[stage])
 
 
+def raised(definition: StageDefinition) -> StageDefinition:
+    return replace(definition, version=definition.version + 1)
+
+
 @pytest.mark.parametrize("stage", NUMBERS)
 def test_other_numbers_are_reported(stage: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first number of the stored table is another one; with a raised version, also of an earlier stage, it may."""
@@ -104,13 +108,11 @@ def test_other_numbers_are_reported(stage: str, monkeypatch: pytest.MonkeyPatch)
     changed = known.copy()
     changed.loc[0, column] += 0.1
     assert problem(stage, changed, known, versions).startswith(f"numbers of stage {stage} changed: raise its version")
-    monkeypatch.setitem(DEFINITIONS, stage, replace(DEFINITIONS[stage], version=DEFINITIONS[stage].version + 1))
+    monkeypatch.setitem(DEFINITIONS, stage, raised(DEFINITIONS[stage]))
     assert "are stored of the versions" in problem(stage, changed, known, versions)
     monkeypatch.undo()
     if needs := DEFINITIONS[stage].needs:
-        monkeypatch.setitem(
-            DEFINITIONS, stage, replace(DEFINITIONS[stage], needs=replace(needs, version=needs.version + 1))
-        )
+        monkeypatch.setitem(DEFINITIONS, stage, replace(DEFINITIONS[stage], needs=raised(needs)))
         assert "are stored of the versions" in problem(stage, changed, known, versions)
 
 

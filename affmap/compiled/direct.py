@@ -5,12 +5,10 @@ kernel sees 3 x 3 pixels, which can be 512 different pictures. Codes differ from
 another order of additions, and do not depend on what else is looked up.
 """
 
-from typing import Any
-
 import numpy as np
 
 from affmap.compiled.jit import compiled, inlined
-from affmap.compiled.lanes import WIDTH, at_least, exp2, fma, load, splat, store
+from affmap.compiled.lanes import WIDTH, at_least, fma, load, splat, store, tanh
 from affmap.compiled.views import paint
 
 PICTURES = 512
@@ -18,12 +16,6 @@ PICTURES = 512
 
 PLACES, PER_SIDE = 9, 4
 """Along a view's side: of the first convolution's kernel, and of the windows that are pooled."""
-
-
-@inlined
-def _tanh(x: Any) -> Any:
-    one = splat(np.float32(1))
-    return splat(np.float32(2)) / (one + exp2(x * splat(np.float32(-2.885390082)))) - one  # -2 / log(2)
 
 
 @inlined
@@ -38,7 +30,7 @@ def _dense(inputs: np.ndarray, num_inputs: int, weight: np.ndarray, bias: np.nda
             b = fma(splat(inputs[number + 1]), load(weight, place + num_outputs), b)
             c = fma(splat(inputs[number + 2]), load(weight, place + 2 * num_outputs), c)
             d = fma(splat(inputs[number + 3]), load(weight, place + 3 * num_outputs), d)
-        store(outputs, output, _tanh((a + b) + (c + d)))
+        store(outputs, output, tanh((a + b) + (c + d)))
 
 
 @inlined
@@ -95,7 +87,7 @@ def encode(
     num_features = len(bias2) // 8
     _pool(rows, pictures, num_features, convolved, features)
     for first in range(0, PER_SIDE**2 * num_features, WIDTH):
-        store(features, first, _tanh(load(features, first)))
+        store(features, first, tanh(load(features, first)))
     _dense(features, PER_SIDE**2 * num_features, weight2, bias2, hidden2)
     _dense(hidden2, len(hidden2), weight3, bias3, hidden3)
     _dense(hidden3, len(hidden3), weight4, bias4, code)

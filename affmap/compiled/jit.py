@@ -29,7 +29,7 @@ _SOURCES = _sources()
 class _Cache(FunctionCache):
     """Compiled code on disk that belongs to all code of this folder; what cannot be read or written is no error."""
 
-    def __init__(self, function: Callable[..., None]) -> None:
+    def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._cache_file._source_stamp = _SOURCES
 
@@ -45,7 +45,7 @@ class _Cache(FunctionCache):
             super().save_overload(sig, data)
 
 
-def compiled(function: Callable[..., None]) -> Callable[..., None]:
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function at its first call, or find it compiled on disk.
 
     The interpreter's lock is released while it runs. Where no folder can be written to, it is compiled in each process.

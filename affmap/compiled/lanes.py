@@ -370,3 +370,10 @@ def sigmoid(x: Any) -> Any:
 @inlined
 def _one_and_power(x: Any) -> Any:
     return splat(np.float32(1)) + _exp2(at_least(at_most(x, splat(np.float32(30))), splat(np.float32(-125))))
+
+
+@inlined
+def tanh(x: Any) -> Any:
+    """Hyperbolic tangents, to 1e-7."""
+    one, two = splat(np.float32(1)), splat(np.float32(2))
+    return one - two / (one + exp2(x * splat(np.float32(2.8853900817779268))))  # 2 / log(2)

@@ -43,20 +43,22 @@ def read(path: Path) -> Batch:
     return Batch(take_apart(views[None]), delta[None, :, :-1], action[None], delta[None, :, 1:], is_first=True)
 
 
-class Chunks(IterableDataset[Batch]):
-    """Batches of sequences in a given order, each cut along time into chunks."""
+class Chunks(IterableDataset[list[Batch]]):
+    """Sequences in a given order, some at once: all their chunks, which follow each other in time."""
 
     def __init__(self, data: Batch, order: np.ndarray, batch_size: int, chunk_length: int) -> None:
         """`order` holds the numbers of the sequences; the last batch and the last chunk may be shorter."""
         self._data, self._order = data, torch.from_numpy(order)
         self._batch_size, self._chunk_length = batch_size, chunk_length
 
-    def __iter__(self) -> Iterator[Batch]:
-        data = self._data
+    def __iter__(self) -> Iterator[list[Batch]]:
+        starts = range(0, self._data.action.shape[2], self._chunk_length)
         for sequences in self._order.split(self._batch_size):
-            for start in range(0, data.action.shape[2], self._chunk_length):
-                cut = (slice(None), sequences, slice(start, start + self._chunk_length))
-                yield Batch(data.views.select(cut), data.delta[cut], data.action[cut], data.target[cut], start == 0)
+            yield [self._chunk(sequences, start) for start in starts]
+
+    def _chunk(self, sequences: Tensor, start: int) -> Batch:
+        data, cut = self._data, (slice(None), sequences, slice(start, start + self._chunk_length))
+        return Batch(data.views.select(cut), data.delta[cut], data.action[cut], data.target[cut], start == 0)
 
 
 class DataModule(lightning.LightningDataModule):
@@ -76,14 +78,14 @@ class DataModule(lightning.LightningDataModule):
         num_training = exploration.num_sequences - exploration.num_validation
         self._training, self._validation = sequences[:, :num_training].ravel(), sequences[:, num_training:].ravel()
 
-    def train_dataloader(self) -> DataLoader[Batch]:
+    def train_dataloader(self) -> DataLoader[list[Batch]]:
         """Batches of the present epoch, in its own order."""
         epoch = self.trainer.current_epoch if self.trainer else 0
         return self._loader(generator(self._exploration.seed, "batch order", epoch).permutation(self._training))
 
-    def val_dataloader(self) -> DataLoader[Batch]:
+    def val_dataloader(self) -> DataLoader[list[Batch]]:
         """All validation sequences, always in the same order."""
         return self._loader(self._validation)
 
-    def _loader(self, order: np.ndarray) -> DataLoader[Batch]:
+    def _loader(self, order: np.ndarray) -> DataLoader[list[Batch]]:
         return DataLoader(Chunks(self._data, order, self._batch_size, self._chunk_length), batch_size=None)

@@ -6,6 +6,7 @@ Knows nothing of worlds and planners.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import lightning
@@ -16,6 +17,7 @@ from affmap.data.batches import Batch
 from affmap.gaussian import nll
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
+from affmap.training import loops
 from affmap.training.settings import PerTrial, TrainingSettings
 
 
@@ -33,6 +35,7 @@ class TrainingModule(lightning.LightningModule):
             ValueError: the members of `stack` cannot be those of the settings' trials.
         """
         super().__init__()
+        self.automatic_optimization = False  # so that a step can be several updates
         if len(stack.seeds) % (settings.num_trials or 1):
             raise ValueError(f"a stack of {len(stack.seeds)} members cannot be {settings.num_trials} trials.")
         self.stack = stack
@@ -53,11 +56,24 @@ class TrainingModule(lightning.LightningModule):
         self._carry = tuple(part.detach() for part in carry)
         return nll(prediction, batch.target).mean((1, 2))
 
-    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
-        """The sum of the members' losses: the gradient of each is what it would be alone."""
+    def update(self, batch: Batch, optimizer: torch.optim.Optimizer) -> Tensor:
+        """Make an update of all members; return their losses before it, `[M]` in nats."""
+        if loops.usable(self.stack):
+            compute: Any = partial(loops.update, self.stack, batch, optimizer, [norm for _, _, norm in self._parts()])
+            losses: Any = optimizer.step(compute)  # finds no gradients, and does nothing more than count
+            return losses
         losses = self.loss(batch)
-        self._losses.append(losses.detach())
-        return losses.sum()
+        losses.sum().backward()  # the gradient of each is what it would be alone
+        self.configure_gradient_clipping(optimizer)
+        optimizer.step()
+        optimizer.zero_grad()
+        return losses.detach()
+
+    def training_step(self, batches: Sequence[Batch], batch_index: int) -> None:
+        """Make an update on each of some batches, in their order."""
+        optimizer = self.optimizers()
+        assert isinstance(optimizer, torch.optim.Optimizer)
+        self._losses += [self.update(batch, optimizer) for batch in batches]
 
     def on_train_epoch_end(self) -> None:
         """Note the mean loss over the epoch's updates."""
@@ -69,11 +85,12 @@ class TrainingModule(lightning.LightningModule):
         self._sum = torch.zeros_like(self.validation_nll[0])
         self._count = 0
 
-    def validation_step(self, batch: Batch, batch_index: int) -> None:
-        """Add a batch to the mean over all validation steps."""
-        count = batch.action[..., 0].numel()
-        self._sum += self.loss(batch) * count
-        self._count += count
+    def validation_step(self, batches: Sequence[Batch], batch_index: int) -> None:
+        """Add some batches to the mean over all validation steps."""
+        for batch in batches:
+            count = batch.action[..., 0].numel()
+            self._sum += count * (loops.losses(self.stack, batch) if loops.usable(self.stack) else self.loss(batch))
+            self._count += count
 
     def on_validation_epoch_end(self) -> None:
         """Note the mean loss over all validation steps."""

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import torch
 from graphs import WARM_UP, Epoch, Training, captured
 from torch import Tensor, nn
-from training import update
 from workloads import Scale, first_observation, fly, generators, make_agent, synchronize
 
 from affmap.config.root import Config
@@ -44,7 +43,7 @@ def training(config: Config, batches: Sequence[Batch], device: str) -> list[Chec
     reference = TrainingModule(untrained(config), config.training)
     optimizer = reference.configure_optimizers()
     for batch in batches[:UPDATES]:
-        update(reference, optimizer, batch)
+        reference.update(batch, optimizer)
     epoch = Epoch.of(batches, device)
     plain, graphed = Training(config, epoch), Training(config, epoch)
     for _ in range(UPDATES):

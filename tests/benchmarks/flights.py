@@ -74,7 +74,7 @@ def data_module(path: Path | None = None) -> DataModule:
 @cache
 def batches(channels: int = 1) -> list[Batch]:
     """The first epoch's batches."""
-    return list(data_module(dataset(channels)).train_dataloader())
+    return [batch for step in data_module(dataset(channels)).train_dataloader() for batch in step]
 
 
 def plain_batches() -> list[PlainBatch]:

@@ -19,6 +19,7 @@ import pandas as pd
 import paper
 import torch
 from graphs import Epoch, Training, captured
+from planning import computed_by
 from rich.console import Console
 from tables import plain_table
 from workloads import FULL, TOY, Scale, batches, first_observation, fly, generators, make_agent, synchronize
@@ -69,8 +70,9 @@ class Stopwatch(NamedTuple):
         synchronize(self.device)
 
 
+@computed_by(loops=False)
 def main() -> None:
-    """Check, time, print and write.
+    """Check, time, print and write; by PyTorch alone, on the CPU, too.
 
     Raises:
         SystemExit: the device's results are not those of the CPU.

@@ -10,7 +10,6 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
-from training import update
 
 from affmap.config.root import Config
 from affmap.data.batches import Batch
@@ -86,7 +85,7 @@ class Training:
 
     def update(self) -> None:
         """Train on the next batch."""
-        self.nll += update(self.module, self._optimizer, self._epoch.batch(self._number))
+        self.nll += self.module.update(self._epoch.batch(self._number), self._optimizer)
         self._number.add_(1).remainder_(len(self._epoch.delta))
 
     def prepare_capture(self) -> None:

@@ -18,7 +18,7 @@ import pandas as pd
 import torch
 from flights import SETTINGS, batches, data_module, dataset
 from measure import elapsed
-from training import CONTEXT_SIZE, MEMBERS, make_stack, update, updates
+from training import CONTEXT_SIZE, MEMBERS, make_stack, updates
 
 from affmap.store.provenance import peak_memory
 from affmap.training.module import TrainingModule
@@ -115,11 +115,12 @@ def serve(path: Path, members: int, threads: int) -> None:
     """Be such a process: read seconds from standard input, train, write results to standard output."""
     torch.set_num_threads(threads)
     module = TrainingModule(make_stack(members, CONTEXT_SIZE), SETTINGS)
-    optimizer, endless = module.configure_optimizers(), itertools.cycle(list(data_module(path).train_dataloader()))
+    optimizer = module.configure_optimizers()
+    endless = itertools.cycle([batch for step in data_module(path).train_dataloader() for batch in step])
     for line in sys.stdin:
         begin, count = time.perf_counter(), 0
         while (passed := time.perf_counter() - begin) < float(line):
-            update(module, optimizer, next(endless))
+            module.update(next(endless), optimizer)
             count += 1
         print(json.dumps({"updates_per_second": count / passed, "peak_memory_mib": peak_memory()}), flush=True)
 

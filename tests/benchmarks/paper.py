@@ -9,8 +9,7 @@ from math import ceil
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.experiments import PAPER
-from affmap.pipeline.control import CONTROL
-from affmap.pipeline.stage import StageDefinition
+from affmap.pipeline.stage import CONTROL, StageDefinition
 from affmap.pipeline.train import TRAIN
 
 

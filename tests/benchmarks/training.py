@@ -80,16 +80,6 @@ def make_stack(members: int, context_size: int, channels: int = 1) -> Stack:
     return Stack(ModelSettings.load("model", "default", context_size=context_size), channels, range(members))
 
 
-def update(module: TrainingModule, optimizer: torch.optim.Optimizer, batch: Batch) -> Tensor:
-    """Do what Lightning does with a batch; returns the losses of the members, `[M]` in nats."""
-    losses = module.loss(batch)
-    optimizer.zero_grad()
-    losses.sum().backward()
-    module.configure_gradient_clipping(optimizer)
-    optimizer.step()
-    return losses.detach()
-
-
 def updates(stack: Stack, own: Sequence[Batch]) -> Callable[[], None]:
     """A call trains `stack` on each of the batches."""
     module = TrainingModule(stack, SETTINGS)
@@ -97,7 +87,7 @@ def updates(stack: Stack, own: Sequence[Batch]) -> Callable[[], None]:
 
     def run() -> None:
         for batch in own:
-            update(module, optimizer, batch)
+            module.update(batch, optimizer)
 
     return run
 

@@ -52,7 +52,8 @@ def batches(config: Config, scale: Scale) -> list[Batch]:
     with TemporaryDirectory() as folder:
         write_dataset(Path(folder), collect(config.training_layouts, config.vehicle, exploration))
         path, training = Path(folder) / DATASET, config.training
-        return list(DataModule(path, exploration, training.batch_size, training.chunk_length).train_dataloader())
+        loader = DataModule(path, exploration, training.batch_size, training.chunk_length).train_dataloader()
+        return [batch for some in loader for batch in some]
 
 
 def make_agent(scale: Scale, runs: int, planner: str, device: str) -> Agent:

@@ -1,6 +1,6 @@
 """Batches: changes of position aligned with actions, each sequence once an epoch, cut in order of time."""
 
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -39,19 +39,19 @@ def module(path: Path, epoch: int = 0, batch_size: int = 2, chunk_length: int = 
     return data
 
 
-def places(batches: Any) -> list[tuple[list[int], list[int], bool]]:
+def places(loader: Any) -> list[tuple[list[int], list[int], bool]]:
     """Sequences, steps and `is_first` of each batch."""
     found = []
-    for batch in batches:
+    for batch in chain.from_iterable(loader):
         sequences, steps = batch.action[0, :, :, 0].int(), batch.action[0, :, :, 1].int()
         assert (sequences == sequences[:, :1]).all() and (steps == steps[:1]).all()
         found.append((sequences[:, 0].tolist(), steps[0].tolist(), batch.is_first))
     return found
 
 
-def order(batches: Any) -> list[int]:
+def order(loader: Any) -> list[int]:
     """Sequences in the order in which they begin."""
-    return [sequence for sequences, _, is_first in places(batches) if is_first for sequence in sequences]
+    return [sequence for sequences, _, is_first in places(loader) if is_first for sequence in sequences]
 
 
 def test_changes_of_position_meet_the_actions_that_cause_them(path: Path) -> None:
@@ -81,7 +81,7 @@ def test_views_stay_with_their_steps(path: Path) -> None:
     """Pixels of the views on disk, for all sequences and for each batch."""
     views = np.load(path)["view"][..., 2:9:2, 2:9:2]
     np.testing.assert_array_equal(middles(read(path)), views)
-    for batch in module(path).train_dataloader():
+    for batch in chain.from_iterable(module(path).train_dataloader()):
         sequences, steps = batch.action[0, ..., 0].int(), batch.action[0, ..., 1].int()
         np.testing.assert_array_equal(middles(batch), views[sequences, steps])
 
@@ -148,11 +148,13 @@ def test_96_updates_an_epoch_at_the_paper_s_scale(tmp_path: Path) -> None:
         action=np.zeros((*shape, 4), np.float32),
     )
     data = DataModule(tmp_path / "dataset.npz", settings, 10, 50)
-    batches = list(data.train_dataloader())
+    steps = list(data.train_dataloader())
+    assert [len(step) for step in steps] == 16 * [6]
+    batches = list(chain(*steps))
     assert len(batches) == 96 and sum(batch.is_first for batch in batches) == 16
     assert {tuple(batch.action.shape) for batch in batches} == {(1, 10, 50, 4)}
     assert {tuple(batch.views.ids.shape) for batch in batches} == {(1, 10, 50)}
-    assert sum(batch.action[..., 0].numel() for batch in data.val_dataloader()) == 40 * 300
+    assert sum(batch.action[..., 0].numel() for batch in chain(*data.val_dataloader())) == 40 * 300
 
 
 def test_a_file_with_pickles_is_refused(tmp_path: Path) -> None:

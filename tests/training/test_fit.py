@@ -15,6 +15,7 @@ import pytest
 import torch
 from torch.distributions import Normal
 
+from affmap import compiled
 from affmap.data.batches import DataModule, read
 from affmap.data.collect import Exploration, collect
 from affmap.env import Layout, Vehicle
@@ -154,6 +155,18 @@ def test_training_is_a_plain_loop(dataset: Path, undisturbed: Path) -> None:
     assert np.ptp(validation_nll) > 0.1
 
 
+def test_without_compiled_loops_pytorch_trains_the_same(
+    dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Losses to float rounding; a training killed in the middle is, bit by bit, one that was not."""
+    monkeypatch.setattr(compiled, "_wanted", False)
+    whole = train(dataset, tmp_path / "whole")
+    killed(dataset, tmp_path / "killed", monkeypatch, 2 * BATCHES_PER_EPOCH + 5)
+    assert_same(train(dataset, tmp_path / "killed"), whole)
+    found, expected = (pd.read_csv(folder / "validation.csv").to_numpy() for folder in (whole, undisturbed))
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
 def test_the_table_of_losses(undisturbed: Path) -> None:
     """Columns, members and epochs by hand; numbers with six digits."""
     text = (undisturbed / "validation.csv").read_text()
@@ -176,6 +189,12 @@ def test_validation_is_the_mean_over_all_validation_steps(dataset: Path, undistu
             _, (mean, log_std) = model.transition.unroll((), code, data.delta[cut], data.action[cut])
         nll = -Normal(mean, log_std.exp()).log_prob(data.target[cut]).sum(-1).mean((1, 2))
         np.testing.assert_allclose(table[epoch], nll, atol=2e-5)
+
+
+def test_a_checkpoint_counts_updates(undisturbed: Path) -> None:
+    """By hand: four epochs; a step of Lightning's is several updates."""
+    (path,) = (undisturbed / "checkpoints").iterdir()
+    assert torch.load(path, weights_only=True)["global_step"] == 4 * BATCHES_PER_EPOCH
 
 
 def test_a_member_trained_in_a_stack_is_the_seed_trained_alone(
@@ -262,15 +281,15 @@ def killed(
 ) -> None:
     """A training that ends in the middle, after so many updates of its own."""
     counter = iter(range(updates))
-    step = TrainingModule.training_step
+    update = TrainingModule.update
 
     def stop(self: TrainingModule, *arguments: object) -> torch.Tensor:
         if next(counter, None) is None:
             raise Killed
-        return step(self, *arguments)  # type: ignore[arg-type]
+        return update(self, *arguments)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
-        patch.setattr(TrainingModule, "training_step", stop)
+        patch.setattr(TrainingModule, "update", stop)
         with pytest.raises(Killed):
             train(dataset, folder, seeds, settings)
 

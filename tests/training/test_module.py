@@ -31,22 +31,21 @@ def batch(is_first: bool = True, seed: int = 0) -> Batch:
 
 @pytest.mark.parametrize("context_size", [0, 3])
 def test_the_loss_is_the_mean_over_the_batch_of_the_sum_over_coordinates(context_size: int) -> None:
-    """`torch.distributions`; the loss of the step is the sum over members."""
+    """`torch.distributions`."""
     trained, data = module(context_size), batch()
     _, prediction = trained.stack.transition.unroll((), trained.stack.encode(data.views), data.delta, data.action)
     density = Normal(prediction.mean, prediction.log_std.exp()).log_prob(data.target)  # [M, B, T, 2]
     expected = -density.sum(-1).mean((1, 2))
     torch.testing.assert_close(trained.loss(data), expected)
-    torch.testing.assert_close(trained.training_step(data, 0), expected.sum())
 
 
 def test_gradients_of_a_member_are_those_of_the_member_alone() -> None:
     """A stack of one with the same seed."""
     together = module(3, (5, 6, 7))
-    together.training_step(batch(), 0).backward()
+    together.loss(batch()).sum().backward()
     for member, seed in enumerate((5, 6, 7)):
         alone = module(3, (seed,))
-        alone.training_step(batch(), 0).backward()
+        alone.loss(batch()).sum().backward()
         for (name, mine), its in zip(together.named_parameters(), alone.parameters(), strict=True):
             assert mine.grad is not None and its.grad is not None and its.grad.abs().max() > 0
             torch.testing.assert_close(mine.grad[member], its.grad[0], rtol=1e-4, atol=1e-6, msg=name)
@@ -188,5 +187,18 @@ def test_a_carry_goes_from_chunk_to_chunk_without_its_gradient_and_begins_anew()
     trained = module(0)
     trained.stack.transition = memory = Remembering(trained.stack.transition)  # type: ignore[assignment]
     for is_first in (True, False, False, True):
-        trained.training_step(batch(is_first), 0)
+        trained.loss(batch(is_first))
     assert memory.seen == [(0.0, None), (1.0, None), (2.0, None), (0.0, None)]
+
+
+def test_a_training_step_is_an_update_on_each_of_its_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Updates by hand on the same batches, bit by bit; the losses before them are kept in their order."""
+    together, one_by_one = module(), module()
+    batches = [batch(seed == 0, seed) for seed in range(3)]
+    optimizer = one_by_one.configure_optimizers()
+    expected = [one_by_one.update(each, optimizer) for each in batches]
+    monkeypatch.setattr(together, "optimizers", together.configure_optimizers)
+    together.training_step(batches, 0)
+    assert torch.equal(torch.stack(together._losses), torch.stack(expected))
+    for mine, its in zip(together.stack.parameters(), one_by_one.stack.parameters(), strict=True):
+        assert torch.equal(mine, its)
