@@ -4,6 +4,8 @@ Each has its reference elsewhere, in PyTorch or NumPy, which takes its place whe
 process that has switched them off.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
 
@@ -14,6 +16,17 @@ def use(wanted: bool) -> None:
     """Switch the compiled loops of this process on (where numba is installed) or off."""
     global _wanted
     _wanted = wanted
+
+
+@contextmanager
+def switched(wanted: bool) -> Iterator[None]:
+    """Use compiled loops or not, inside a `with` statement or a decorated function."""
+    before = _wanted
+    use(wanted)
+    try:
+        yield
+    finally:
+        use(before)
 
 
 def enabled() -> bool:

@@ -7,8 +7,9 @@ another order of additions, and do not depend on what else is looked up.
 
 import numpy as np
 
+from affmap.compiled.functions import tanh
 from affmap.compiled.jit import compiled, inlined
-from affmap.compiled.lanes import WIDTH, at_least, fma, load, splat, store, tanh
+from affmap.compiled.lanes import WIDTH, at_least, fma, load, splat, store
 from affmap.compiled.views import paint
 
 PICTURES = 512

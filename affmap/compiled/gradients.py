@@ -8,21 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from affmap.compiled.functions import exp2, log, sigmoid
 from affmap.compiled.jit import compiled, inlined
-from affmap.compiled.lanes import (
-    WIDTH,
-    broadcast,
-    exp2,
-    fma,
-    keep,
-    load,
-    log,
-    pointer,
-    sigmoid,
-    splat,
-    store,
-    store_totals,
-)
+from affmap.compiled.lanes import WIDTH, broadcast, fma, keep, load, pointer, splat, store, store_totals
 from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array
 
 f32 = np.float32

@@ -8,19 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from affmap.compiled.functions import exp2, log, sigmoids
 from affmap.compiled.jit import compiled, inlined
 from affmap.compiled.lanes import (
     WIDTH,
     at_most,
     broadcast,
-    exp2,
     floor,
     fma,
     keep,
     load,
-    log,
     pointer,
-    sigmoids,
     splat,
     spread,
     store,

@@ -1,4 +1,4 @@
-"""Vectors of eight floats for compiled loops: arithmetic, memory, and the few functions that models need.
+"""Vectors of eight floats for compiled loops: arithmetic, comparisons and memory.
 
 A `Lanes` stands for a register of the processor. Loops that are written with it are as fast as the processor allows,
 whereas loops over numbers are only if the compiler finds out how to vectorise them.
@@ -8,19 +8,16 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-from affmap.compiled.jit import inlined
-
 WIDTH = 8
 """Floats of a vector."""
 
-_FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
-_INTS = ir.VectorType(ir.IntType(32), WIDTH)
+FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+INTS = ir.VectorType(ir.IntType(32), WIDTH)
 
 
 class LanesType(types.Type):
@@ -37,7 +34,7 @@ Lanes = LanesType()
 @register_model(LanesType)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: LanesType) -> None:
-        super().__init__(manager, kind, _FLOATS)
+        super().__init__(manager, kind, FLOATS)
 
 
 def _register(symbol: Callable[..., Any], instruction: str) -> None:
@@ -61,13 +58,14 @@ for _symbol, _instruction in {
     _register(_symbol, _instruction)
 
 
-def _constant(kind: ir.VectorType, value: float) -> ir.Constant:
+def constant(kind: ir.VectorType, value: float) -> ir.Constant:
+    """Return eight times the same number, of one of the two kinds above."""
     return ir.Constant(kind, [value] * WIDTH)
 
 
 def _call(builder: Any, name: str, *args: Any) -> Any:
     """Call an intrinsic function of LLVM on vectors."""
-    kind = ir.FunctionType(_FLOATS, [_FLOATS] * len(args))
+    kind = ir.FunctionType(FLOATS, [FLOATS] * len(args))
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f32"), args)
 
 
@@ -80,7 +78,7 @@ def _address(context: Any, builder: Any, kind: Any, memory: Any, index: Any) -> 
 
 def _place(context: Any, builder: Any, kind: Any, memory: Any, index: Any) -> Any:
     """The address of eight neighbours."""
-    return builder.bitcast(_address(context, builder, kind, memory, index), _FLOATS.as_pointer())
+    return builder.bitcast(_address(context, builder, kind, memory, index), FLOATS.as_pointer())
 
 
 @intrinsic
@@ -103,8 +101,8 @@ def keep(typing: Any, array: Any) -> Any:
 
 
 def _splat(builder: Any, number: Any) -> Any:
-    single = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(single, single, ir.Constant(_INTS, [0] * WIDTH))
+    single = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(single, single, ir.Constant(INTS, [0] * WIDTH))
 
 
 @intrinsic
@@ -229,90 +227,11 @@ def any_less(typing: Any, a: Any, b: Any) -> Any:
 
 
 @intrinsic
-def _exponent(typing: Any, lanes: Any) -> Any:
-    """Return k of x = 2^k m with m in [sqrt(1/2), sqrt(2)), from the bits of x."""
-
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        above = builder.sub(builder.bitcast(args[0], _INTS), _constant(_INTS, 0x3F3504F3))  # bits of sqrt(1/2)
-        return builder.sitofp(builder.ashr(above, _constant(_INTS, 23)), _FLOATS)
-
-    return Lanes(Lanes), lower
-
-
-@intrinsic
-def _mantissa(typing: Any, lanes: Any, exponent: Any) -> Any:
-    """Return m of x = 2^k m, for x and k."""
-
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        shift = builder.shl(builder.fptosi(args[1], _INTS), _constant(_INTS, 23))
-        return builder.bitcast(builder.sub(builder.bitcast(args[0], _INTS), shift), _FLOATS)
-
-    return Lanes(Lanes, Lanes), lower
-
-
-@intrinsic
-def _add_exponent(typing: Any, lanes: Any, shifted: Any) -> Any:
-    """Return x 2^n for x and 3 * 2^22 + n, where that is a normal number: n is added to the exponent's bits."""
-
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        bits, exponent = (builder.bitcast(arg, _INTS) for arg in args)
-        return builder.bitcast(builder.add(bits, builder.shl(exponent, _constant(_INTS, 23))), _FLOATS)
-
-    return Lanes(Lanes, Lanes), lower
-
-
-@inlined
-def exp2(x: Any) -> Any:
-    """2 to the power of each number, to 1e-7 of it; 0 below 2^-125, infinity above 2^126."""
-    low, high = splat(np.float32(-125)), splat(np.float32(126))
-    power = _exp2(at_least(at_most(x, high), low))
-    power = where_less(x, low, splat(np.float32(0)), power)
-    return where_less(high, x, splat(np.float32(np.inf)), power)
-
-
-@inlined
-def _exp2(x: Any) -> Any:
-    """The same from -125 to 126."""
-    magic = splat(np.float32(3 * 2**22))  # a float of this size has no digits behind the point
-    shifted = x + magic
-    part = x - (shifted - magic)
-    # Minimax polynomial on [-1/2, 1/2].
-    result = splat(np.float32(1.3276466800e-03))
-    result = fma(result, part, splat(np.float32(9.6755412930e-03)))
-    result = fma(result, part, splat(np.float32(5.5507132896e-02)))
-    result = fma(result, part, splat(np.float32(2.4022119725e-01)))
-    result = fma(result, part, splat(np.float32(6.9314696705e-01)))
-    result = fma(result, part, splat(np.float32(1.0)))
-    return _add_exponent(result, shifted)
-
-
-@inlined
-def log(x: Any) -> Any:
-    """Natural logarithms of finite numbers, to 1e-7; minus infinity below the smallest normal number."""
-    exponent = _exponent(x)
-    f = _mantissa(x, exponent) - splat(np.float32(1))
-    # (log(1 + f) - f + f^2 / 2) / f^3, minimax polynomial on [sqrt(1/2) - 1, sqrt(2) - 1].
-    result = splat(np.float32(-7.8595458752e-02))
-    result = fma(result, f, splat(np.float32(1.2881622394e-01)))
-    result = fma(result, f, splat(np.float32(-1.3128767629e-01)))
-    result = fma(result, f, splat(np.float32(1.4181196114e-01)))
-    result = fma(result, f, splat(np.float32(-1.6624553145e-01)))
-    result = fma(result, f, splat(np.float32(2.0002286084e-01)))
-    result = fma(result, f, splat(np.float32(-2.5000810428e-01)))
-    result = fma(result, f, splat(np.float32(3.3333316727e-01)))
-    square = f * f
-    result = fma(result * f, square, fma(square, splat(np.float32(-0.5)), f))
-    result = fma(exponent, splat(np.float32(0.6931471805599453)), result)
-    tiny = splat(np.float32(1.1754944e-38))
-    return where_less(x, tiny, splat(np.float32(-np.inf)), result)
-
-
-@intrinsic
 def whole(typing: Any, lanes: Any, lane: Any) -> Any:
     """Return one of eight whole numbers as an integer."""
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        number = builder.extract_element(builder.fptosi(args[0], _INTS), args[1])
+        number = builder.extract_element(builder.fptosi(args[0], INTS), args[1])
         return builder.sext(number, ir.IntType(64))
 
     return types.intp(Lanes, types.intp), lower
@@ -334,7 +253,7 @@ def transposed(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: A
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         def mixed(one: Any, other: Any, places: list[int]) -> Any:
-            return builder.shuffle_vector(one, other, ir.Constant(_INTS, places))
+            return builder.shuffle_vector(one, other, ir.Constant(INTS, places))
 
         rows = list(args)
         for half, low, high in (  # blocks of 4, of 2 and of 1 change places
@@ -349,31 +268,3 @@ def transposed(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: A
         return context.make_tuple(builder, sig.return_type, rows)
 
     return types.UniTuple(Lanes, WIDTH)(*[Lanes] * WIDTH), lower
-
-
-@inlined
-def sigmoids(a: Any, b: Any, c: Any, d: Any) -> Any:
-    """1 / (1 + 2^x) of four vectors, with a single division; 2^-30 for what is less."""
-    a, b, c, d = _one_and_power(a), _one_and_power(b), _one_and_power(c), _one_and_power(d)
-    ab, cd = a * b, c * d
-    inverse = splat(np.float32(1)) / (ab * cd)  # at most 2^120
-    ab, cd = inverse * cd, inverse * ab
-    return ab * b, ab * a, cd * d, cd * c
-
-
-@inlined
-def sigmoid(x: Any) -> Any:
-    """1 / (1 + 2^x); 2^-30 for what is less."""
-    return splat(np.float32(1)) / _one_and_power(x)
-
-
-@inlined
-def _one_and_power(x: Any) -> Any:
-    return splat(np.float32(1)) + _exp2(at_least(at_most(x, splat(np.float32(30))), splat(np.float32(-125))))
-
-
-@inlined
-def tanh(x: Any) -> Any:
-    """Hyperbolic tangents, to 1e-7."""
-    one, two = splat(np.float32(1)), splat(np.float32(2))
-    return one - two / (one + exp2(x * splat(np.float32(2.8853900817779268))))  # 2 / log(2)

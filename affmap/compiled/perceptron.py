@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from affmap.compiled.functions import exp2, tanh
 from affmap.compiled.jit import compiled
-from affmap.compiled.lanes import WIDTH, exp2, load, splat, store, tanh
+from affmap.compiled.lanes import WIDTH, load, splat, store
 from affmap.compiled.layout import NUM_INPUTS, NUM_OUTPUTS
 from affmap.compiled.product import Matrix, Shape, product
 

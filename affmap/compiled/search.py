@@ -3,26 +3,11 @@
 The reference is `affmap.planning.cem`, in PyTorch. Arrays are float32 and contiguous; J numbers are an action sequence.
 """
 
-from typing import Any
-
 import numpy as np
 
+from affmap.compiled.functions import erf, erf_inverse
 from affmap.compiled.jit import compiled, inlined
-from affmap.compiled.lanes import (
-    WIDTH,
-    any_less,
-    at_least,
-    at_most,
-    fma,
-    keep,
-    load,
-    log,
-    pointer,
-    root,
-    splat,
-    store,
-    where_less,
-)
+from affmap.compiled.lanes import WIDTH, at_least, at_most, fma, keep, load, pointer, root, splat, store
 
 Array = np.ndarray
 f32 = np.float32
@@ -57,16 +42,16 @@ def draw(mean: Array, variance: Array, kept: Array, uniform: Array, candidates: 
         for j in range(0, width, WIDTH):
             middle, deviation = load(center, j), at_least(root(load(std, j)), splat(TINY))
             deviation = deviation * splat(SQRT_2)
-            first = _erf((splat(f32(0)) - middle) / deviation)
+            first = erf((splat(f32(0)) - middle) / deviation)
             store(std, j, deviation)
             store(low, j, first)
-            store(range_, j, _erf((splat(f32(1)) - middle) / deviation) - first)
+            store(range_, j, erf((splat(f32(1)) - middle) / deviation) - first)
         for n in range(num_drawn):
             source, target = pointer(uniform[b, n]), pointer(candidates[b, num_kept + n])
             for j in range(length):
                 row[j] = source[j]
             for j in range(0, width, WIDTH):
-                z = _erf_inverse(fma(load(row, j), load(range_, j), load(low, j)))
+                z = erf_inverse(fma(load(row, j), load(range_, j), load(low, j)))
                 value = fma(load(std, j), z, load(center, j))
                 store(row, j, at_most(at_least(value, splat(f32(0))), splat(f32(1))))
             for j in range(length):
@@ -129,58 +114,3 @@ def _sort(costs: Array, best: Array, places: Array) -> None:
             best[place], places[place] = best[place - 1], places[place - 1]
             place -= 1
         best[place], places[place] = cost, n
-
-
-@inlined
-def _erf(x: Any) -> Any:
-    """The error function, to 4e-7."""
-    x = at_most(at_least(x, splat(f32(-3.9))), splat(f32(3.9)))
-    z = x * x
-    # x P(x^2) / Q(x^2), fitted on [-3.9, 3.9].
-    p = fma(splat(f32(2.050398127e-06)), z, splat(f32(2.874558768e-04)))
-    p = fma(p, z, splat(f32(3.836815166e-03)))
-    p = fma(p, z, splat(f32(5.296673056e-02)))
-    p = fma(p, z, splat(f32(1.919395882e-01)))
-    p = fma(p, z, splat(f32(1.128379032e00)))
-    q = fma(splat(f32(3.823078210e-05)), z, splat(f32(1.181719637e-03)))
-    q = fma(q, z, splat(f32(1.510908240e-02)))
-    q = fma(q, z, splat(f32(1.147576140e-01)))
-    q = fma(q, z, splat(f32(5.034338098e-01)))
-    q = fma(q, z, splat(f32(1)))
-    return at_most(at_least(x * p / q, splat(f32(-1))), splat(f32(1)))
-
-
-@inlined
-def _erf_inverse(x: Any) -> Any:
-    """Return z with erf(z) = x, to 2e-7 of it; +-6 for +-1."""
-    one = splat(f32(1))
-    w = splat(f32(0)) - log((one - x) * (one + x))
-    # x P(w), fitted for w below 5.
-    near = w - splat(f32(2.5))
-    p = fma(splat(f32(2.853490408e-08)), near, splat(f32(3.437272122e-07)))
-    p = fma(p, near, splat(f32(-3.528860918e-06)))
-    p = fma(p, near, splat(f32(-4.396782912e-06)))
-    p = fma(p, near, splat(f32(2.186021990e-04)))
-    p = fma(p, near, splat(f32(-1.253707510e-03)))
-    p = fma(p, near, splat(f32(-4.177707750e-03)))
-    p = fma(p, near, splat(f32(2.466407261e-01)))
-    p = fma(p, near, splat(f32(1.501409422e00)))
-    limit = splat(f32(5))
-    if any_less(limit, w):  # seldom
-        p = where_less(limit, w, _far(w), p)
-    return x * p
-
-
-@inlined
-def _far(w: Any) -> Any:
-    """The ratio of z and erf(z) for w = -log(1 - erf(z)^2) above 5; 6 from 17 on."""
-    far = root(at_most(w, splat(f32(17)))) - splat(f32(3))
-    q = fma(splat(f32(-1.398443167e-04)), far, splat(f32(6.771667347e-05)))
-    q = fma(q, far, splat(f32(1.264330475e-03)))
-    q = fma(q, far, splat(f32(-3.641157543e-03)))
-    q = fma(q, far, splat(f32(5.778780252e-03)))
-    q = fma(q, far, splat(f32(-7.630494019e-03)))
-    q = fma(q, far, splat(f32(9.432902130e-03)))
-    q = fma(q, far, splat(f32(1.001674481e00)))
-    q = fma(q, far, splat(f32(2.832977059e00)))
-    return where_less(splat(f32(17)), w, splat(f32(6)), q)

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from affmap.compiled.functions import tanh
 from affmap.compiled.jit import compiled, inlined
-from affmap.compiled.lanes import WIDTH, load, splat, store, tanh, where_less
+from affmap.compiled.lanes import WIDTH, load, splat, store, where_less
 from affmap.compiled.layout import NUM_PLACES, NUM_TAPS
 from affmap.compiled.product import Matrix, Shape, product
 

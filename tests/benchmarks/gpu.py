@@ -19,11 +19,11 @@ import pandas as pd
 import paper
 import torch
 from graphs import Epoch, Training, captured
-from planning import computed_by
 from rich.console import Console
 from tables import plain_table
 from workloads import FULL, TOY, Scale, batches, first_observation, fly, generators, make_agent, synchronize
 
+from affmap import compiled
 from affmap.config.root import Config
 from affmap.control.agent import Agent
 from affmap.data.batches import Batch
@@ -70,7 +70,7 @@ class Stopwatch(NamedTuple):
         synchronize(self.device)
 
 
-@computed_by(loops=False)
+@compiled.switched(False)
 def main() -> None:
     """Check, time, print and write; by PyTorch alone, on the CPU, too.
 

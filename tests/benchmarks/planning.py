@@ -7,8 +7,7 @@ have it in PyTorch, as their users would write it, and once more in our compiled
 do it. `python tests/benchmarks/planning.py` lists the costs of their plans.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import mean
 from typing import NamedTuple
@@ -36,16 +35,6 @@ from affmap.store.store import Store
 UNIT = "agent and step"
 
 
-@contextmanager
-def computed_by(loops: bool) -> Iterator[None]:
-    """Use our compiled loops, or PyTorch alone."""
-    compiled.use(loops)
-    try:
-        yield
-    finally:
-        compiled.use(True)
-
-
 class Cost(NamedTuple):
     """What plans of a contender cost."""
 
@@ -65,7 +54,7 @@ class Agents:
 
     def objective(self, loops: bool = True) -> Objective:
         """What `affmap.control.agent.Agent` minimises, in compiled loops or in PyTorch."""
-        with computed_by(loops):
+        with compiled.switched(loops):
             return Agent(self.stack, self.lookup, SETTINGS, self.settings).objective(self.start)
 
     def alone(self, agent: int) -> "Agents":
@@ -131,7 +120,7 @@ class Entry(NamedTuple):
         plans = [self.peer.make(group.objective(self.loops), len(group.start.goal)) for group in agents]
 
         def run() -> None:
-            with computed_by(self.loops):
+            with compiled.switched(self.loops):
                 for plan in plans:
                     plan()
 

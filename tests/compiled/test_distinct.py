@@ -1,14 +1,11 @@
 """Distinct rows by a hash table against PyTorch's way, number by number."""
 
-import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from interpreted import interpreted
 
+from affmap import compiled
 from affmap.model.windows import distinct
-
-pytest.importorskip("numba")
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
@@ -19,7 +16,7 @@ def test_kinds_and_their_order_are_pytorch_s(rows: int, pixels: int, kinds: int,
     few = torch.rand(pixels, kinds, generator=generator) < 0.5
     many = few[:, torch.randint(kinds, (rows,), generator=generator)].T
     first, ids = distinct(many)
-    with interpreted():
+    with compiled.switched(False):
         expected_first, expected_ids = distinct(many)
     assert torch.equal(ids, expected_ids) and ids.dtype == expected_ids.dtype and first.dtype == expected_first.dtype
     assert torch.equal(many[first], many[expected_first])

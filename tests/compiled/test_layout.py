@@ -12,8 +12,7 @@ CASES = [(9, 4, 8, 1, 32), (36, 4, 16, 5, 7), (36, 8, 32, 32, 32), (9, 4, 8, 0, 
 
 def test_a_vector_holds_as_much_as_in_lanes() -> None:
     """Which needs numba."""
-    pytest.importorskip("numba")
-    assert WIDTH == importlib.import_module("affmap.compiled.lanes").WIDTH
+        assert WIDTH == importlib.import_module("affmap.compiled.lanes").WIDTH
 
 
 def test_the_next_multiple_of_eight() -> None:

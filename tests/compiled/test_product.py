@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
-
 from affmap.compiled.product import Matrix, Shape, product
 
 

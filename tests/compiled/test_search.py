@@ -61,18 +61,18 @@ def test_what_is_learned(num_elites: int) -> None:
     np.testing.assert_allclose(variance, expected_variance, atol=1e-6)
 
 
-def test_plans_are_those_of_pytorch(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plans_are_those_of_pytorch() -> None:
     """Three plans in a row, with warm starts, from the same uniform numbers."""
     planner = CEMPlanner.load("planner", "cem", horizon=7)
     target = torch.rand(B, 1, 7, 4, generator=torch.Generator().manual_seed(1))
 
     def plans(wanted: bool) -> list[torch.Tensor]:
-        monkeypatch.setattr(compiled, "_wanted", wanted)
         generators = [np.random.default_rng(seed) for seed in range(B)]
         state, found = planner.initial(B), []
-        for _ in range(3):
-            plan, state = planner.plan(lambda actions: (actions - target).square().sum((2, 3)), state, generators)
-            found += [plan.actions, plan.cost, *state]
+        with compiled.switched(wanted):
+            for _ in range(3):
+                plan, state = planner.plan(lambda actions: (actions - target).square().sum((2, 3)), state, generators)
+                found += [plan.actions, plan.cost, *state]
         return found
 
     for mine, its in zip(plans(True), plans(False), strict=True):

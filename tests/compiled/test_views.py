@@ -5,11 +5,9 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from interpreted import interpreted
 
+from affmap import compiled
 from affmap.view import EXTENT, PIXELS, Map, view
-
-pytest.importorskip("numba")
 
 quick = settings(max_examples=200, deadline=None, derandomize=True)
 
@@ -38,7 +36,7 @@ def worlds(draw: st.DrawFn) -> Map:
 def test_views_are_those_of_numpy_and_torch(world: Map, places: list[tuple[float, float]], dtype: type) -> None:
     """Arrays and tensors in both precisions, rims and borders on the centres of pixels, and places that are none."""
     positions = np.array(places, dtype)
-    with interpreted():
+    with compiled.switched(False):
         expected = view(world, positions)
         np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
     found = view(world, positions)
@@ -53,7 +51,7 @@ def test_every_kind_of_array_is_taken() -> None:
     positions = np.random.default_rng(0).uniform([0.5, 0.5], [1.5, 1.5], (3, 4, 2)).astype(np.float32)
     fixed = positions.copy()
     fixed.flags.writeable = False
-    with interpreted():
+    with compiled.switched(False):
         expected = view(world, positions)
     np.testing.assert_array_equal(view(world, fixed), expected)
     np.testing.assert_array_equal(view(world, np.asfortranarray(positions)), expected)

@@ -4,9 +4,9 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from interpreted import interpreted
 from torch import Tensor
 
+from affmap import compiled
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import ExactLookup
 from affmap.model.stack import ModelSettings, Stack
@@ -50,7 +50,7 @@ def test_codes_are_those_of_pytorch(context_size: int, num_channels: int, dtype:
     """All widths of the vision model and more channels than one; within rounding, and places differ."""
     whole, positions = stack(context_size, num_channels), places(3, 4, 20, seed=seed, dtype=dtype)
     codes = DirectEncoder(whole)([world(num_channels)], positions)
-    with interpreted():
+    with compiled.switched(False):
         expected = ExactLookup(whole, [world(num_channels)])(positions)
     assert codes is not None and codes.dtype == expected.dtype
     torch.testing.assert_close(codes, expected, atol=1e-5, rtol=0)
@@ -90,7 +90,7 @@ def test_nowhere_is_seen_as_pytorch_sees_it() -> None:
     """A position that is not a number has the code of an empty view."""
     whole, positions = stack(), torch.full((3, 1, 2), torch.nan)
     codes = DirectEncoder(whole)([world()], positions)
-    with interpreted():
+    with compiled.switched(False):
         expected = ExactLookup(whole, [world()])(positions)
     assert codes is not None
     torch.testing.assert_close(codes, expected, atol=1e-5, rtol=0)
@@ -102,7 +102,7 @@ def test_what_it_cannot_do_it_leaves_to_pytorch() -> None:
     assert DirectEncoder(stack())([world()], places(3, 2).bfloat16()) is None
     assert DirectEncoder(stack().double())([world()], places(3, 2)) is None
     assert DirectEncoder(stack())([world()], places(2, 2)) is None
-    with interpreted():
+    with compiled.switched(False):
         assert DirectEncoder(stack())([world()], places(3, 2)) is None
     assert DirectEncoder(stack())([world()], places(3, 0)) is not None
 
@@ -123,5 +123,5 @@ def test_views_are_left_to_pytorch_where_it_must_be() -> None:
     seen = view(world(), places(3, 2))
     assert DirectEncoder(stack(0)).of_views(seen) is None
     assert DirectEncoder(stack().double()).of_views(seen) is None
-    with interpreted():
+    with compiled.switched(False):
         assert DirectEncoder(stack()).of_views(seen) is None
