@@ -1,18 +1,17 @@
 """Where parameters stand in matrices: each has a place of its own, and transposing brings it to the other."""
 
-import importlib
-
 import numpy as np
 import pytest
 
+from affmap.compiled import lanes
 from affmap.compiled.layout import WIDTH, Parameters, filled, layout
 
 CASES = [(9, 4, 8, 1, 32), (36, 4, 16, 5, 7), (36, 8, 32, 32, 32), (9, 4, 8, 0, 8)]
 
 
 def test_a_vector_holds_as_much_as_in_lanes() -> None:
-    """Which needs numba."""
-        assert WIDTH == importlib.import_module("affmap.compiled.lanes").WIDTH
+    """The layout itself needs no numba."""
+    assert lanes.WIDTH == WIDTH
 
 
 def test_the_next_multiple_of_eight() -> None:
