@@ -90,7 +90,8 @@ def _name(ax: Axes, labels: list[tuple[float, str, str]]) -> Axes:
     for y, text, weight in labels:
         if weight == "bold":
             box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-            ax.text(0.005, y, text, transform=ax.get_yaxis_transform(), va="center", bbox=box, **HEADING)
+            # From beside the labels on, of which there is none in this row.
+            ax.text(-0.48, y, text, transform=ax.get_yaxis_transform(), va="center", bbox=box, **HEADING)
     low, high = ax.get_xlim()
     ax.set_xlim(low, high * 1.6)
     ax.xaxis.set_major_formatter(FuncFormatter(lambda ratio, _: f"{ratio:g}"))

@@ -128,13 +128,16 @@ class Entry(NamedTuple):
 
 
 def entries(batched: bool = False) -> list[Entry]:
-    """Ours and the peers that can be had, or those of them that plan for many agents at once."""
+    """Ours and the peers that can be had, or those of them that plan for many agents at once.
+
+    Peers minimise our objective in PyTorch and, "+ our loops", in compiled code.
+    """
     peers = [peer for peer in available() if peer.batched or not batched]
     return [
         Entry("affmap", OURS, True),
         Entry("affmap, PyTorch alone", OURS, False),
         *(Entry(peer.name, peer, False) for peer in peers),
-        *(Entry(f"{peer.name}, our compiled objective", peer, True) for peer in peers),
+        *(Entry(f"{peer.name} + our loops", peer, True) for peer in peers),
     ]
 
 
@@ -167,7 +170,7 @@ def results(rounds: int) -> list[Result]:
 
 
 def _gradient(agents: Agents) -> list[Contender]:
-    """Our gradient-based planner for all agents, with and without gradients through the map, and for a quarter."""
+    """Our gradient-based planner for all agents, also with gradients through the map, and for a quarter of them."""
     through = replace(agents, lookup=AffordanceMap(agents.lookup.codes, agents.lookup.worlds, differentiable=True))
     first = len(agents.start.goal) // len(agents.stack.seeds)
     quarter = replace(agents, start=Observation(*(part[::first] for part in agents.start)))  # one of each member's
@@ -178,10 +181,10 @@ def _gradient(agents: Agents) -> list[Contender]:
         return Contender(name, lambda: planner.plan(objective, state, []), len(some.start.goal))
 
     return [
-        contender("affmap, together", agents),
-        contender("affmap, together, PyTorch alone", agents, loops=False),
-        contender("affmap, together, gradients through the map", through),
-        contender("affmap, together, gradients through the map, PyTorch alone", through, loops=False),
+        contender("affmap", agents),
+        contender("affmap, PyTorch alone", agents, loops=False),
+        contender("affmap, through the map", through),
+        contender("affmap, through the map, PyTorch alone", through, loops=False),
         contender("affmap, a quarter of them", quarter),
     ]
 
