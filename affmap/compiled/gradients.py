@@ -7,30 +7,60 @@ hold eight hidden units of one path, because planners that use gradients follow 
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
+from affmap.compiled.direct import PER_SIDE, PICTURES, PLACES, encode
 from affmap.compiled.functions import exp2, log, sigmoid
 from affmap.compiled.jit import compiled, inlined
 from affmap.compiled.lanes import WIDTH, broadcast, fma, keep, load, pointer, splat, store, store_totals
-from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array
+from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array, Maps, Scenes, Start, Weights
+from affmap.compiled.views import paint
 
 f32 = np.float32
 LN_2 = f32(np.log(2))
 
 
 class _Weights(NamedTuple):
-    """Addresses of a member's weights and of its map, and their sizes."""
+    """Addresses of a member's weights, and their sizes."""
 
     hidden: Any
     output: Any
     bias: Any
-    codes: Any
     num_blocks: int
     num_inputs: int
+    stride: int
+    """Numbers from the inputs of a step to those of the next."""
+
+
+class _Grid(NamedTuple):
+    """A member's affordance map."""
+
+    codes: Any
     rows: int
     columns: int
     num_codes: int
     scale_x: f32
     scale_y: f32
+
+
+class _Sight(NamedTuple):
+    """A member's vision model and the world that it sees, with memory for what is between layers."""
+
+    offsets: Array
+    size: Array
+    border_channel: int
+    circles: Array
+    channels: Array
+    weights: Any
+    """Seven flat arrays."""
+    place: Array
+    squares: Array
+    rows: Array
+    convolved: Array
+    features: Array
+    hidden2: Array
+    hidden3: Array
+    code: Array
 
 
 class _Tape(NamedTuple):
@@ -80,11 +110,59 @@ def gradients(
     With `through_map` gradients flow through the map to the positions, too. A path whose first action is not a number
     costs no time: neither is its cost, and its gradient is 0.
     """
+    weights, start, desired = Weights(hidden, output, bias), Start(position, delta), (goal, goal_std, beta)
+    _gradients(weights, Maps(codes, scale), start, actions, desired, through_map, result, gradient)
+
+
+@compiled
+def gradients_of_views(
+    hidden: Array,
+    output: Array,
+    bias: Array,
+    offsets: Array,
+    size: Array,
+    border_channels: Array,
+    circles: Array,
+    channels: Array,
+    pictures: Array,
+    weight2: Array,
+    bias2: Array,
+    weight3: Array,
+    bias3: Array,
+    weight4: Array,
+    bias4: Array,
+    position: Array,
+    delta: Array,
+    actions: Array,
+    goal: Array,
+    goal_std: Array,
+    beta: f32,
+    result: Array,
+    gradient: Array,
+) -> None:
+    """The same with codes of the views at the very positions, through which no gradient flows."""
+    weights, start, desired = Weights(hidden, output, bias), Start(position, delta), (goal, goal_std, beta)
+    worlds = offsets, size, border_channels, circles, channels
+    scenes = Scenes(*worlds, pictures, weight2, bias2, weight3, bias3, weight4, bias4)
+    _gradients(weights, scenes, start, actions, desired, False, result, gradient)
+
+
+@inlined
+def _gradients(
+    weights: Weights,
+    lookup: Any,
+    start: Start,
+    actions: Array,
+    desired: Any,
+    through_map: bool,
+    result: Array,
+    gradient: Array,
+) -> None:
+    goal, goal_std, beta = desired
     num_problems, num_candidates, horizon, _ = actions.shape
-    num_members, num_blocks, num_inputs, _ = hidden.shape
-    num_worlds, rows, columns, num_codes = codes.shape
+    num_members, num_blocks, num_inputs, _ = weights.hidden.shape
     steps = (horizon + WIDTH - 1) // WIDTH * WIDTH
-    filled = INPUTS + num_codes + 2  # whole vectors of four
+    filled = (num_inputs - INPUTS + WIDTH - 1) // WIDTH * WIDTH + INPUTS + 2  # whole vectors of four
     buffers = np.zeros(9 * steps + horizon * (filled + (num_blocks + 1) * WIDTH) + filled + WIDTH, f32)
     nodes = np.empty(horizon, np.int64)
     cells = np.empty(2 * horizon, f32)
@@ -104,19 +182,9 @@ def gradients(
     )
     for b in range(num_problems):
         m = b * num_members // num_problems
-        own = _Weights(
-            pointer(hidden[m]),
-            pointer(output[m]),
-            pointer(bias[m]),
-            pointer(codes[b * num_worlds // num_problems]),
-            num_blocks,
-            num_inputs,
-            rows,
-            columns,
-            num_codes,
-            scale[0],
-            scale[1],
-        )
+        hidden, output, bias = pointer(weights.hidden[m]), pointer(weights.output[m]), pointer(weights.bias[m])
+        own = _Weights(hidden, output, bias, num_blocks, num_inputs, filled)
+        seen = bound(lookup, b, num_problems)
         std, goal_x, goal_y = goal_std[b], goal[b, 0], goal[b, 1]
         constant = f32(2) * np.log(std) - f32(1) + beta * LOG_2_PI_E
         precision = f32(1) / (std * std)
@@ -129,41 +197,126 @@ def gradients(
                 for k in range(4 * horizon):
                     slopes[k] = f32(0)
                 continue
-            _forward(
-                own,
-                tape,
-                path,
-                position[b, 0],
-                position[b, 1],
-                delta[b, 0],
-                delta[b, 1],
-                horizon,
-                steps,
-            )
+            begin = start.position[b, 0], start.position[b, 1], start.delta[b, 0], start.delta[b, 1]
+            _forward(own, seen, tape, path, begin, horizon, steps)
             total = f32(0)
             for t in range(horizon):
                 x, y = tape.mean[2 * t] - goal_x, tape.mean[2 * t + 1] - goal_y
                 spread = x * x + y * y + tape.variance[t] + tape.variance[steps + t]
                 total += f32(0.5) * precision * spread + factor * (tape.logarithm[t] + tape.logarithm[steps + t])
             result[b, n] = total / f32(horizon) + constant
-            _backward(own, tape, slopes, goal_x, goal_y, precision, factor, horizon, steps, through_map)
+            _backward(own, seen, tape, slopes, goal_x, goal_y, precision, factor, horizon, steps, through_map)
     keep(buffers)
     keep(nodes)
     keep(cells)
 
 
+def _overloaded(function: Any) -> Any:
+    """Declare a function that is compiled according to the kind of look-up."""
+    return overload(function, jit_options={"forceinline": True, "error_model": "numpy"}, strict=False)
+
+
+def bound(lookup: Any, b: int, num_problems: int) -> Any:
+    """Return the look-up of problem b."""
+
+
+def look_up(seen: Any, tape: _Tape, x: f32, y: f32, t: int, inputs: int) -> None:
+    """Write the code at a position into the inputs of step t, and remember what its gradient needs."""
+
+
+def map_slopes(seen: Any, own: _Weights, tape: _Tape, t: int) -> Any:
+    """Return gradients of the position that was looked up, from those of its code."""
+
+
+@_overloaded(bound)
+def _bound(lookup: Any, b: Any, num_problems: Any) -> Any:
+    if lookup.instance_class is Maps:
+        return _grid
+    return _sight
+
+
+@_overloaded(look_up)
+def _typed_look_up(seen: Any, tape: Any, x: Any, y: Any, t: Any, inputs: Any) -> Any:
+    return _interpolate if seen.instance_class is _Grid else _see
+
+
+@_overloaded(map_slopes)
+def _typed_map_slopes(seen: Any, own: Any, tape: Any, t: Any) -> Any:
+    return _grid_slopes if seen.instance_class is _Grid else _no_slopes
+
+
+def _grid(lookup: Maps, b: int, num_problems: int) -> _Grid:
+    num_worlds, rows, columns, num_codes = lookup.codes.shape
+    codes = pointer(lookup.codes[b * num_worlds // num_problems])
+    return _Grid(codes, rows, columns, num_codes, lookup.scale[0], lookup.scale[1])
+
+
+def _sight(lookup: Scenes, b: int, num_problems: int) -> _Sight:
+    w, m = b * len(lookup.circles) // num_problems, b * len(lookup.pictures) // num_problems
+    weights = (
+        lookup.pictures[m].reshape(-1),
+        lookup.weight2[m].reshape(-1),
+        lookup.bias2[m],
+        lookup.weight3[m].reshape(-1),
+        lookup.bias3[m],
+        lookup.weight4[m].reshape(-1),
+        lookup.bias4[m],
+    )
+    return _Sight(
+        lookup.offsets,
+        lookup.size,
+        lookup.border_channels[w],
+        lookup.circles[w],
+        lookup.channels[w],
+        weights,
+        np.empty_like(lookup.size),
+        np.empty_like(lookup.offsets),
+        np.empty((lookup.pictures.shape[1] // PICTURES, len(lookup.offsets)), np.uint64),
+        np.empty(PLACES * WIDTH, f32),
+        np.empty((PER_SIDE**2 + 1) * WIDTH, f32),
+        np.empty_like(lookup.bias2[m]),
+        np.empty_like(lookup.bias3[m]),
+        np.empty_like(lookup.bias4[m]),
+    )
+
+
+def _see(seen: _Sight, tape: _Tape, x: f32, y: f32, t: int, inputs: int) -> None:
+    seen.place[0] = min(max(x, f32(0)), seen.size[0])
+    seen.place[1] = min(max(y, f32(0)), seen.size[1])
+    paint(
+        seen.place,
+        seen.offsets,
+        seen.size,
+        seen.border_channel,
+        seen.circles,
+        seen.channels,
+        seen.squares,
+        seen.rows,
+    )
+    pictures, weight2, bias2, weight3, bias3, weight4, bias4 = seen.weights
+    between = seen.convolved, seen.features, seen.hidden2, seen.hidden3
+    encode(seen.rows, pictures, weight2, bias2, weight3, bias3, weight4, bias4, *between, seen.code)
+    for c in range(0, len(seen.code), WIDTH):
+        store(tape.inputs, inputs + c, load(seen.code, c))
+
+
+def _no_slopes(seen: _Sight, own: _Weights, tape: _Tape, t: int) -> Any:
+    return f32(0), f32(0)
+
+
 @inlined
-def _forward(own: _Weights, tape: _Tape, path: Any, x: f32, y: f32, dx: f32, dy: f32, horizon: int, steps: int) -> None:
-    """Imagine a path and remember it."""
+def _forward(own: _Weights, seen: Any, tape: _Tape, path: Any, begin: Any, horizon: int, steps: int) -> None:
+    """Imagine a path and remember it; it begins at a position after a change of position."""
+    x, y, dx, dy = begin
     outputs = tape.gradient  # free until the way back
     for t in range(horizon):
-        inputs = t * (INPUTS + own.num_codes + 2)
+        inputs = t * own.stride
         tape.inputs[inputs] = dx
         tape.inputs[inputs + 1] = dy
         for k in range(4):
             tape.inputs[inputs + 2 + k] = path[4 * t + k]
-        if own.num_codes > 0:
-            _look_up(own, tape, x, y, t, inputs + INPUTS)
+        if own.num_inputs > INPUTS:
+            look_up(seen, tape, x, y, t, inputs + INPUTS)
         _hidden_units(own, tape, t, inputs)
         _outputs(own, tape, t, outputs)
         dx, dy = outputs[0] + own.bias[0], outputs[1] + own.bias[1]
@@ -183,23 +336,22 @@ def _forward(own: _Weights, tape: _Tape, path: Any, x: f32, y: f32, dx: f32, dy:
         store(tape.logarithm, k, log(load(tape.variance, k)))
 
 
-@inlined
-def _look_up(own: _Weights, tape: _Tape, x: f32, y: f32, t: int, inputs: int) -> None:
+def _interpolate(seen: _Grid, tape: _Tape, x: f32, y: f32, t: int, inputs: int) -> None:
     """The code at a position, between four nodes."""
-    u, v = _cell(x * own.scale_x, own.columns), _cell(y * own.scale_y, own.rows)
-    i, j = min(int(u), own.columns - 2), min(int(v), own.rows - 2)
-    node = (j * own.columns + i) * own.num_codes
+    u, v = _cell(x * seen.scale_x, seen.columns), _cell(y * seen.scale_y, seen.rows)
+    i, j = min(int(u), seen.columns - 2), min(int(v), seen.rows - 2)
+    node = (j * seen.columns + i) * seen.num_codes
     tape.node[t] = node
-    inside_x, inside_y = f32(0) < u < f32(own.columns - 1), f32(0) < v < f32(own.rows - 1)
+    inside_x, inside_y = f32(0) < u < f32(seen.columns - 1), f32(0) < v < f32(seen.rows - 1)
     u, v = u - f32(i), v - f32(j)
     tape.cell[2 * t] = u if inside_x else -f32(1) - u
     tape.cell[2 * t + 1] = v if inside_y else -f32(1) - v
     along_x, along_y = splat(u), splat(v)
-    row = own.columns * own.num_codes
-    for c in range(node, node + own.num_codes, WIDTH):
-        low, high = load(own.codes, c), load(own.codes, c + row)
-        low = fma(load(own.codes, c + own.num_codes) - low, along_x, low)
-        high = fma(load(own.codes, c + row + own.num_codes) - high, along_x, high)
+    row = seen.columns * seen.num_codes
+    for c in range(node, node + seen.num_codes, WIDTH):
+        low, high = load(seen.codes, c), load(seen.codes, c + row)
+        low = fma(load(seen.codes, c + seen.num_codes) - low, along_x, low)
+        high = fma(load(seen.codes, c + row + seen.num_codes) - high, along_x, high)
         store(tape.inputs, inputs + c - node, fma(high - low, along_y, low))
 
 
@@ -239,6 +391,7 @@ def _outputs(own: _Weights, tape: _Tape, t: int, outputs: Any) -> None:
 @inlined
 def _backward(
     own: _Weights,
+    seen: Any,
     tape: _Tape,
     slopes: Any,
     goal_x: f32,
@@ -273,7 +426,7 @@ def _backward(
         for k in range(4):
             slopes[4 * t + k] = gradient[2 + k]
         if through_map:
-            along_x, along_y = _map_slopes(own, tape, t)
+            along_x, along_y = map_slopes(seen, own, tape, t)
             x += along_x
             y += along_y
 
@@ -306,19 +459,18 @@ def _input_slopes(own: _Weights, tape: _Tape, num_inputs: int) -> None:
         store_totals(tape.gradient, i, a, b, c, d)
 
 
-@inlined
-def _map_slopes(own: _Weights, tape: _Tape, t: int) -> Any:
+def _grid_slopes(seen: _Grid, own: _Weights, tape: _Tape, t: int) -> Any:
     """Gradients of the position that was looked up, from those of its code."""
     u, v = tape.cell[2 * t], tape.cell[2 * t + 1]
     inside_x, inside_y = u >= f32(0), v >= f32(0)
     u, v = u if inside_x else -f32(1) - u, v if inside_y else -f32(1) - v
-    node, row, stride = tape.node[t], own.columns * own.num_codes, own.num_codes
+    node, row, stride = tape.node[t], seen.columns * seen.num_codes, seen.num_codes
     along_x = along_y = f32(0)
     for c in range(own.num_inputs - INPUTS):
         k = node + c
-        low, high = own.codes[k + stride] - own.codes[k], own.codes[k + row + stride] - own.codes[k + row]
-        left, right = own.codes[k + row] - own.codes[k], own.codes[k + row + stride] - own.codes[k + stride]
+        low, high = seen.codes[k + stride] - seen.codes[k], seen.codes[k + row + stride] - seen.codes[k + row]
+        left, right = seen.codes[k + row] - seen.codes[k], seen.codes[k + row + stride] - seen.codes[k + stride]
         slope = tape.gradient[INPUTS + c]
         along_x += slope * (low + v * (high - low))
         along_y += slope * (left + u * (right - left))
-    return along_x * own.scale_x if inside_x else f32(0), along_y * own.scale_y if inside_y else f32(0)
+    return along_x * seen.scale_x if inside_x else f32(0), along_y * seen.scale_y if inside_y else f32(0)

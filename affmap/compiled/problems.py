@@ -38,6 +38,28 @@ class Maps(NamedTuple):
     """`[2]`, nodes a u along x and y."""
 
 
+class Scenes(NamedTuple):
+    """W worlds, and M vision models that see them (`affmap.view.Scene`, `affmap.model.direct.Weights`)."""
+
+    offsets: Array
+    """`[11]`, from a position to the centres of pixels, u."""
+    size: Array
+    """`[2]`, of the arenas, u."""
+    border_channels: Array
+    """`[W]`"""
+    circles: Array
+    """`[W, N, 3]`; those that fill up have a squared radius below 0."""
+    channels: Array
+    """`[W, N]`"""
+    pictures: Array
+    weight2: Array
+    bias2: Array
+    weight3: Array
+    bias3: Array
+    weight4: Array
+    bias4: Array
+
+
 class Start(NamedTuple):
     """What the paths of B problems start from."""
 

@@ -141,9 +141,9 @@ class Agent:
         """Imagination in compiled loops, where there is one for these models and this look-up."""
         if not compiled.enabled():
             return None
-        from affmap.control.imagination import CompiledImagination
+        from affmap.control.imagination import compiled_imagination
 
-        return CompiledImagination.of(self.stack, self.lookup)
+        return compiled_imagination(self.stack, self.lookup)
 
     def _situation(self, observation: Observation, carry: Carry | None) -> Situation:
         """Where imagined paths start; without a carry, where a flight begins."""

@@ -1,10 +1,11 @@
-"""Imagination in compiled loops: multilayer perceptrons with an affordance map, on the CPU.
+"""Imagination in compiled loops: multilayer perceptrons on the CPU, with affordance maps or exact look-ups.
 
 Stands in for `affmap.model.rollout` and `affmap.planning.objective` where it can. They are its reference, and do the
 work for all other models, look-ups and devices. Importing this module needs numba.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -12,46 +13,26 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import pad
 
-from affmap.compiled.gradients import gradients
+from affmap.compiled.gradients import gradients, gradients_of_views
 from affmap.compiled.imagination import costs, positions
 from affmap.compiled.lanes import WIDTH
 from affmap.compiled.problems import Maps, Start, Weights, pack
 from affmap.gaussian import Gaussian
-from affmap.model.lookup import AffordanceMap, Lookup
-from affmap.model.rollout import Situation
+from affmap.model import direct
+from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup
+from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack
 from affmap.model.transition import TransitionModel
+from affmap.planning.objective import expected_free_energy
 from affmap.planning.planner import Objective
 
 
-class CompiledImagination:
+class CompiledImagination(Protocol):
     """Imagines for a stack, with the weights that it has at each call."""
-
-    @classmethod
-    def of(cls, stack: Stack, lookup: Lookup) -> "CompiledImagination | None":
-        """That of a stack with a look-up, or None for models, look-ups and devices that it does not know."""
-        if type(stack.transition) is not TransitionModel or not isinstance(lookup, AffordanceMap):
-            return None
-        tensors = (lookup.codes, *stack.transition.parameters())
-        known = all(tensor.device.type == "cpu" and tensor.dtype == torch.float32 for tensor in tensors)
-        return cls(stack, lookup) if known else None
-
-    def __init__(self, stack: Stack, lookup: AffordanceMap) -> None:
-        """Take a stack and a map of it, both on the CPU."""
-        self._transition, self._parameters = stack.transition, list(stack.transition.parameters())
-        codes = pad(lookup.codes, (0, -lookup.codes.shape[-1] % WIDTH)).contiguous()
-        nodes = codes.shape[2] - 1, codes.shape[1] - 1
-        self._maps = Maps(codes.numpy(), np.divide(nodes, lookup.worlds[0].size).astype(np.float32))
-        self._differentiable = lookup.differentiable
-        self._version = -1
-        self._packed: Weights
 
     def positions(self, situation: Situation, actions: Tensor) -> Gaussian:
         """Imagine the execution of actions `[B, N, H, 4]`; see `affmap.model.rollout.rollout`."""
-        num_problems, num_candidates, horizon, _ = actions.shape
-        mean, variance = actions.new_empty(2, num_problems, horizon, 2, num_candidates)
-        positions(*self._weights(), *self._maps, *_start(situation), _array(actions), mean.numpy(), variance.numpy())
-        return Gaussian(*(part.permute(0, 3, 1, 2) for part in (mean, 0.5 * variance.log())))
+        ...
 
     def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
         """The expected free energy of actions `[B, N, H, 4]`; see `affmap.planning.objective.expected_free_energy`.
@@ -62,7 +43,40 @@ class CompiledImagination:
             goal_std: `[B]`, u.
             beta: weight of the uncertainty.
         """
-        networks, start = (*self._weights(), *self._maps), _start(situation)
+        ...
+
+
+def compiled_imagination(stack: Stack, lookup: Lookup) -> CompiledImagination | None:
+    """That of a stack with a look-up, or None for models, look-ups and devices that it does not know."""
+    known = all(weight.device.type == "cpu" and weight.dtype == torch.float32 for weight in stack.parameters())
+    if type(stack.transition) is not TransitionModel or not known:
+        return None
+    if isinstance(lookup, AffordanceMap) and lookup.codes.device.type == "cpu" and lookup.codes.dtype == torch.float32:
+        return MapImagination(stack, lookup)
+    return ViewImagination(stack, lookup) if isinstance(lookup, ExactLookup) and stack.vision else None
+
+
+class MapImagination:
+    """With an affordance map."""
+
+    def __init__(self, stack: Stack, lookup: AffordanceMap) -> None:
+        """Take a stack and a map of it."""
+        self._networks = _Networks(stack)
+        codes = pad(lookup.codes, (0, -lookup.codes.shape[-1] % WIDTH)).contiguous()
+        nodes = codes.shape[2] - 1, codes.shape[1] - 1
+        self._maps = Maps(codes.numpy(), np.divide(nodes, lookup.worlds[0].size).astype(np.float32))
+        self._differentiable = lookup.differentiable
+
+    def positions(self, situation: Situation, actions: Tensor) -> Gaussian:
+        """See `CompiledImagination`."""
+        num_problems, num_candidates, horizon, _ = actions.shape
+        mean, variance = actions.new_empty(2, num_problems, horizon, 2, num_candidates)
+        positions(*self._networks(), *self._maps, *_start(situation), _array(actions), mean.numpy(), variance.numpy())
+        return Gaussian(*(part.permute(0, 3, 1, 2) for part in (mean, 0.5 * variance.log())))
+
+    def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
+        """See `CompiledImagination`."""
+        networks, start = (*self._networks(), *self._maps), _start(situation)
         desired = _array(goal), _array(goal_std), np.float32(beta)
 
         def without_gradient(actions: Tensor) -> Tensor:
@@ -70,22 +84,65 @@ class CompiledImagination:
             costs(*networks, *start, _array(actions), *desired, result.numpy())
             return result
 
-        def with_gradient(actions: Tensor) -> tuple[Tensor, Tensor]:
-            result, gradient = actions.new_empty(actions.shape[:2]), actions.new_empty(actions.shape)
-            filled = result.numpy(), gradient.numpy()
-            gradients(*networks, *start, _array(actions), *desired, self._differentiable, *filled)
-            return result, gradient
+        def with_gradient(actions: np.ndarray, result: np.ndarray, gradient: np.ndarray) -> None:
+            gradients(*networks, *start, actions, *desired, self._differentiable, result, gradient)
 
         def objective(actions: Tensor) -> Tensor:
-            if torch.is_grad_enabled() and actions.requires_grad:
-                return _Costs.apply(actions, with_gradient)
             # A single candidate costs the same to the last bit, with a gradient and without.
-            return with_gradient(actions)[0] if actions.shape[1] == 1 else without_gradient(actions)
+            if actions.shape[1] == 1 or _is_differentiated(actions):
+                return _Costs.apply(actions, with_gradient)
+            return without_gradient(actions)
 
         return objective
 
-    def _weights(self) -> Weights:
-        """The present weights, arranged anew when they have changed."""
+
+class ViewImagination:
+    """With exact look-ups: single candidates, which gradient descent follows, in compiled loops."""
+
+    def __init__(self, stack: Stack, lookup: ExactLookup) -> None:
+        """Take a stack that sees and its look-up."""
+        self._stack, self._lookup = stack, lookup
+        self._networks, self._encoder = _Networks(stack), direct.DirectEncoder(stack)
+        scenes = [world.scenes[np.dtype(np.float32)] for world in lookup.worlds]
+        most = max(len(scene.circles) for scene in scenes)
+        circles = np.full((len(scenes), most, 3), -1, np.float32)  # a squared radius below 0 holds nothing
+        channels = np.zeros((len(scenes), most), np.int64)
+        for number, scene in enumerate(scenes):
+            circles[number, : len(scene.circles)] = scene.circles
+            channels[number, : len(scene.circles)] = scene.channels
+        borders = np.array([scene.border_channel for scene in scenes])
+        self._worlds = scenes[0].offsets, scenes[0].size, borders, circles, channels
+
+    def positions(self, situation: Situation, actions: Tensor) -> Gaussian:
+        """See `CompiledImagination`."""
+        return rollout(self._stack.transition, self._lookup, situation, actions)
+
+    def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
+        """See `CompiledImagination`."""
+        seen, start = (*self._networks(), *self._worlds, *self._encoder.weights()), _start(situation)
+        desired = _array(goal), _array(goal_std), np.float32(beta)
+
+        def with_gradient(actions: np.ndarray, result: np.ndarray, gradient: np.ndarray) -> None:
+            gradients_of_views(*seen, *start, actions, *desired, result, gradient)
+
+        def objective(actions: Tensor) -> Tensor:
+            if actions.shape[1] == 1:
+                return _Costs.apply(actions, with_gradient)
+            path = self.positions(situation, actions)
+            return expected_free_energy(path, goal[:, None], goal_std[:, None], beta).total
+
+        return objective
+
+
+class _Networks:
+    """The weights of a stack's transition models, arranged anew when they have changed."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._transition, self._parameters = stack.transition, list(stack.transition.parameters())
+        self._version = -1
+        self._packed: Weights
+
+    def __call__(self) -> Weights:
         version = sum(weight._version for weight in self._parameters)
         if version != self._version:
             step = self._transition.step()
@@ -98,8 +155,9 @@ class _Costs(torch.autograd.Function):
     """Costs whose gradient is computed with them."""
 
     @staticmethod
-    def forward(ctx: Any, actions: Tensor, with_gradient: Any) -> Tensor:
-        result, gradient = with_gradient(actions)
+    def forward(ctx: Any, actions: Tensor, with_gradient: Callable[..., None]) -> Tensor:
+        result, gradient = actions.new_empty(actions.shape[:2]), actions.new_empty(actions.shape)
+        with_gradient(_array(actions), result.numpy(), gradient.numpy())
         ctx.save_for_backward(gradient)
         return result
 
@@ -108,6 +166,10 @@ class _Costs(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
         (own,) = ctx.saved_tensors
         return gradient[..., None, None] * own, None
+
+
+def _is_differentiated(actions: Tensor) -> bool:
+    return torch.is_grad_enabled() and actions.requires_grad
 
 
 def _start(situation: Situation) -> Start:

@@ -75,20 +75,20 @@ class DirectEncoder:
         None where it takes PyTorch.
         """
         places, num_members = for_compiled(positions), len(self._stack.seeds)
-        if places is None or len(positions) != num_members or not self._ready():
+        if places is None or len(positions) != num_members or not self._readable():
             return None
         from affmap.compiled.direct import codes_at
 
-        scenes = [world.scenes[places.dtype] for world in worlds]
+        weights, scenes = self.weights(), [world.scenes[places.dtype] for world in worlds]
         num_groups = num_members if len(scenes) == 1 else len(scenes)
         places = places.reshape(num_groups, len(places) // num_groups, 2)
         codes = np.empty((*places.shape[:2], self._stack.context_size), np.float32)
         if len(scenes) == 1:
-            codes_at(*scenes[0], *self._weights, places, codes)
+            codes_at(*scenes[0], *weights, places, codes)
         else:
             for number, scene in enumerate(scenes):
-                weights = self._weights.member(number * num_members // num_groups)
-                codes_at(*scene, *weights, places[number, None], codes[number, None])
+                own = weights.member(number * num_members // num_groups)
+                codes_at(*scene, *own, places[number, None], codes[number, None])
         return torch.from_numpy(codes.reshape(*positions.shape[:-1], codes.shape[2]))
 
     @torch.no_grad()
@@ -97,22 +97,25 @@ class DirectEncoder:
 
         None where it takes PyTorch.
         """
-        if not compiled.enabled() or views.device.type != "cpu" or not self._ready():
+        if not compiled.enabled() or views.device.type != "cpu" or not self._readable():
             return None
         from affmap.compiled.direct import codes_of
 
         codes = views.new_empty(*views.shape[:2], self._stack.context_size, dtype=torch.float32)
-        codes_of(*self._weights, views.contiguous().numpy(), codes.numpy())
+        codes_of(*self.weights(), views.contiguous().numpy(), codes.numpy())
         return codes
 
-    def _ready(self) -> bool:
-        """Whether compiled code can read the weights; the present ones are then in `_weights`."""
-        vision = self._stack.vision
-        if vision is None or any(
-            weight.device.type != "cpu" or weight.dtype != torch.float32 for weight in self._parameters
-        ):
-            return False
+    @torch.no_grad()
+    def weights(self) -> Weights:
+        """The present weights of a vision model on the CPU, arranged anew when they have changed."""
         version = sum(weight._version for weight in self._parameters)
         if version != self._version:
-            self._weights, self._version = Weights.of(vision), version
-        return True
+            assert self._stack.vision is not None
+            self._weights, self._version = Weights.of(self._stack.vision), version
+        return self._weights
+
+    def _readable(self) -> bool:
+        """Whether there is a vision model whose weights compiled code can read."""
+        return bool(self._parameters) and all(
+            weight.device.type == "cpu" and weight.dtype == torch.float32 for weight in self._parameters
+        )

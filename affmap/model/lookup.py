@@ -53,21 +53,25 @@ def inside(positions: Tensor, size: Tensor) -> Tensor:
 
 
 class ExactLookup:
-    """Cuts out the view at each position and takes the vision model's code of it."""
+    """Cuts out the view at each position and takes the vision model's code of it.
+
+    Attributes:
+        worlds: the maps of the worlds that it looks into: one, shared by all, or one for each problem.
+    """
 
     def __init__(self, stack: Stack, worlds: Sequence[Map]) -> None:
         """Look up codes of `stack` in one world, or in B, one for each problem."""
-        self._direct, self._codes, self._worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
+        self._direct, self._codes, self.worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
-        codes = self._direct(self._worlds, positions)
+        codes = self._direct(self.worlds, positions)
         if codes is not None:
             return codes
-        places = inside(positions, positions.new_tensor(self._worlds[0].size))
-        if len(self._worlds) > 1:
-            places = by_world(places, len(self._worlds))
-        seen = views(self._worlds, places)
+        places = inside(positions, positions.new_tensor(self.worlds[0].size))
+        if len(self.worlds) > 1:
+            places = by_world(places, len(self.worlds))
+        seen = views(self.worlds, places)
         return self._codes(seen.view(*positions.shape[:-1], *seen.shape[-3:]))
 
     def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup":

@@ -3,11 +3,14 @@
 Positions stand all over the arena, on its borders and outside; models have weights as drawn, or larger.
 """
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import Tensor
 
-from affmap.control.imagination import CompiledImagination
+from affmap import compiled as loops
+from affmap.control.imagination import CompiledImagination, compiled_imagination
 from affmap.env.layout import Layout
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.rollout import Situation, rollout
@@ -75,8 +78,8 @@ def reference(stack: Stack, lookup: AffordanceMap, start: Situation, actions: Te
     return expected_free_energy(path, goal[:, None], std[:, None], beta).total
 
 
-def compiled(stack: Stack, lookup: AffordanceMap) -> CompiledImagination:
-    imagination = CompiledImagination.of(stack, lookup)
+def compiled(stack: Stack, lookup: AffordanceMap | ExactLookup) -> CompiledImagination:
+    imagination = compiled_imagination(stack, lookup)
     assert imagination is not None
     return imagination
 
@@ -248,14 +251,54 @@ class _Own(TransitionModel):
     """Somebody's model, which may compute anything."""
 
 
-@pytest.mark.parametrize("kind", ["another model", "exact look-ups", "float64"])
+@pytest.mark.parametrize("context_size", [1, 8, 32])
+@pytest.mark.parametrize("num_worlds", [1, B])
+def test_gradients_with_exact_look_ups(context_size: int, num_worlds: int) -> None:
+    """By autograd on PyTorch alone, in float32 because pixels depend on the last bit of a position.
+
+    Worlds have different numbers of circles.
+    """
+    stack = make_stack(context_size)
+    for weight in stack.parameters():
+        weight.mul_(2)  # codes of untrained models hardly differ
+    worlds = [replace(WORLD, circles=WORLD.circles[: 1 + number]) for number in range(num_worlds)]
+    lookup, start, actions = ExactLookup(stack, worlds), situation(), random_actions(1, 6)
+    goal, std = desired()
+    mine, its = actions.clone().requires_grad_(), actions.clone().requires_grad_()
+    cost = compiled(stack, lookup).objective(start, goal, std, 0.7)(mine)
+    with loops.switched(False):
+        path = rollout(stack.transition, lookup, start, its)
+        expected = expected_free_energy(path, goal[:, None], std[:, None], 0.7).total
+    (gradient,) = torch.autograd.grad(cost.sum(), mine)
+    (its_gradient,) = torch.autograd.grad(expected.sum(), its)
+    assert_near(cost.detach(), expected.detach(), 5e-5)
+    scale = its_gradient.abs().amax((2, 3), keepdim=True)
+    assert ((gradient - its_gradient).abs() <= 1e-3 * scale).all()
+
+
+def test_many_candidates_with_exact_look_ups_are_left_to_pytorch() -> None:
+    """Costs and positions are those of the reference, and there is a gradient."""
+    stack = make_stack(8)
+    lookup, start, actions = ExactLookup(stack, [WORLD]), situation(), random_actions(5, 4).requires_grad_()
+    goal, std = desired()
+    imagination = compiled(stack, lookup)
+    cost = imagination.objective(start, goal, std, 1.0)(actions)
+    path = rollout(stack.transition, lookup, start, actions)
+    assert torch.equal(cost, expected_free_energy(path, goal[:, None], std[:, None], 1.0).total)
+    assert torch.equal(imagination.positions(start, actions).mean, path.mean)
+    (gradient,) = torch.autograd.grad(cost.sum(), actions)
+    assert gradient.abs().max() > 0
+
+
+@pytest.mark.parametrize("kind", ["another model", "no vision model", "float64"])
 def test_other_models_look_ups_and_numbers_are_left_to_pytorch(kind: str) -> None:
     stack = make_stack(3)
     lookup: AffordanceMap | ExactLookup = make_map(stack)
     if kind == "another model":
         stack = Stack(stack.settings, WORLD.num_channels, SEEDS, _Own)
-    elif kind == "exact look-ups":
+    elif kind == "no vision model":
+        stack = make_stack(0)
         lookup = ExactLookup(stack, [WORLD])
     else:
         stack.double()
-    assert CompiledImagination.of(stack, lookup) is None
+    assert compiled_imagination(stack, lookup) is None
