@@ -26,7 +26,7 @@ CHOICES = {
     "control_layout": ["original", "two_obstacles", "procedural_few_easy"],
     "map_layout": ["original", "four_properties", "two_obstacles"],
     "training_layouts": ["[original]", "[two_obstacles,original]"],
-    "output": ["/tmp/here", "elsewhere/of/${name}", "runs/${world}"],
+    "output": ["/absolute/here", "elsewhere/of/${name}", "runs/${world}"],
 }
 STRANGE = [
     "-1",
