@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from affmap import compiled
 from affmap.config.root import Config
 from affmap.data.collect import DATASET
 from affmap.model.stack import Stack
@@ -21,11 +20,7 @@ def make_models(config: Config, data: Path, attempt: Attempt) -> None:
     num_trials = config.training.num_trials
     trials = f"{num_trials} trials of " if num_trials else ""
     description = f"training of {trials}{config.members} members, context size {config.model.context_size}"
-    # Version 1 of this stage rounds as PyTorch does; compiled loops are for version 2, with its own reference models.
-    with (
-        compiled.switched(False),
-        track(description, config.training.num_epochs, "epochs", attempt.progress) as update,
-    ):
+    with track(description, config.training.num_epochs, "epochs", attempt.progress) as update:
         fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, update, _board(config))
 
 
