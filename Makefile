@@ -11,8 +11,12 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
+EXPERIMENTS := exp1 exp2 exp3 exp4 exp5
+FACTORS := $(patsubst conf/experiment/%.yaml,%,$(sort $(wildcard conf/experiment/factors/*.yaml)))
+SEARCHES := training cem gradient
+
 .DEFAULT_GOAL := help
-.PHONY: help setup exp1 exp2 exp3 exp4 exp5 lookups tune paper publish play bench gpu docs test slow check format clean
+.PHONY: help setup $(EXPERIMENTS) lookups factors $(FACTORS) tune paper publish play bench gpu docs test slow check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -30,28 +34,25 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
 	touch $@
 
-EXPERIMENTS := exp1 exp2 exp3 exp4 exp5
-
 exp1:  ## Experiment I, obstacle avoidance: explore, train, control, report (SCALE=smoke: at toy size, in about a minute)
 exp2:  ## Experiment II, generalization: the models of Experiment I in two other worlds
 exp3:  ## Experiment III, behavioral relevance: obstacles of different looks, and things that mean nothing
 exp4:  ## Experiment IV, uncertainty avoidance: fog
 exp5:  ## Experiment V, disentanglement: four properties in random worlds (takes hours)
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
-$(EXPERIMENTS) lookups: $(READY)
+factors: $(FACTORS)  ## one factor at a time: what decides the claims that do not hold? (half an hour; after paper)
+$(EXPERIMENTS) lookups $(FACTORS): $(READY)
 	$(BIN)/affmap experiment=$@ $(SETTINGS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
 paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one report of all: runs/paper/report.pdf
 	$(BIN)/affmap-paper $(SETTINGS)
 
-SEARCHES := training cem gradient
-
 tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (an hour)
 	for name in $(SEARCHES); do $(BIN)/affmap search=$$name $(SETTINGS) && $(BIN)/affmap-report search=$$name $(SETTINGS) || exit 1; done
 
-publish: paper  ## keep the reports and models of all experiments in runs/reference
-	for name in $(EXPERIMENTS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
+publish: paper lookups factors  ## keep the reports and models of all experiments in runs/reference
+	for name in $(EXPERIMENTS) lookups $(FACTORS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
 	$(BIN)/affmap-paper $(SETTINGS) --publish
 
 play: $(READY)  ## a window in which to fly, or watch a trained agent imagine and fly

@@ -20,8 +20,10 @@ Jobs = dict[str, dict[str, str]]
 
 def lines() -> list[str]:
     """Command lines of all that `conf` holds."""
-    paths = [path for group in ("experiment", "search") for path in sorted((ROOT / "conf" / group).glob("*.yaml"))]
-    return [f"{path.parent.name}={path.stem} scale={scale}" for path in paths for scale in SCALES]
+    conf = ROOT / "conf"
+    paths = [path for group in ("experiment", "search") for path in sorted((conf / group).rglob("*.yaml"))]
+    options = [path.relative_to(conf).with_suffix("").parts for path in paths]
+    return [f"{group}={'/'.join(option)} scale={scale}" for group, *option in options for scale in SCALES]
 
 
 def digests(line: str) -> Jobs:

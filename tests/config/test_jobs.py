@@ -12,7 +12,9 @@ from affmap.results.provenance import leaves
 from affmap.settings import ConfigError, folder
 
 LINES = ["seed=0"] + [
-    f"{group}={path.stem}" for group in ("experiment", "search") for path in sorted(folder().glob(f"{group}/*.yaml"))
+    f"{group}={path.relative_to(folder() / group).with_suffix('')}"
+    for group in ("experiment", "search")
+    for path in sorted(folder().glob(f"{group}/**/*.yaml"))
 ]
 CHOICES = {
     "planner": ["cem", "gradient"],
@@ -80,7 +82,7 @@ def test_a_job_has_the_configuration_that_hydra_composes(line: str, monkeypatch:
     known = leaves(written)
     keys = sorted(key for key in {**known, **dict.fromkeys(CHOICES)} if not key.startswith(("sweep", "report.")))
     checked = 0
-    for _ in range(4):
+    for _ in range(5):
         swept = draw.sample(keys, 8)
         values = first | {key: ",".join(values_of(key, known.get(key), draw)) for key in swept}
         expanded = jobs.expand(compose.parse([line, *(f"{key}={value}" for key, value in values.items())]))

@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from affmap.config import sweep
+from affmap.config import compose, sweep
 from affmap.config.root import Config, label
 from affmap.control.straight import StraightAgent
 from affmap.env.procedural import Procedural
@@ -26,7 +26,11 @@ from affmap.training.settings import TrainingSettings
 CONF = folder()
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout"))
 LAYOUTS = sorted(path.stem for path in (CONF / "layout").glob("*.yaml"))
-OPTIONS = [(group, path.stem) for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
+OPTIONS = [
+    (group, str(path.relative_to(CONF / group).with_suffix("")))
+    for group in GROUPS
+    for path in sorted((CONF / group).rglob("*.yaml"))
+]
 Values = dict[str, Any]
 
 
@@ -120,11 +124,11 @@ def test_every_option_of_every_group_can_be_used(group: str, option: str) -> Non
 def test_every_job_of_every_experiment_at_every_scale_can_be_used(experiment: str, scale: str) -> None:
     """As many as the product of the sweep's values, all different; smoke runs say so and go elsewhere."""
     found = jobs(experiment, scale)
-    swept = content(CONF / "experiment" / f"{experiment}.yaml")["sweep"]
+    swept = compose.values(compose.compose([f"experiment={experiment}"]))["sweep"]
     assert len(found) == math.prod(len(str(value).split(",")) for value in swept.values())
     assert len({CONTROL.of(job).digest for job in found}) == len(found)
     for job in found:
-        assert job.name == experiment
+        assert job.name == Path(experiment).name
         assert (job.notice is None) == (scale == "full") == (job.output == Path("runs") / experiment)
 
 
