@@ -38,7 +38,7 @@ exp1:  ## Experiment I, obstacle avoidance: explore, train, control, report (SCA
 exp2:  ## Experiment II, generalization: the models of Experiment I in two other worlds
 exp3:  ## Experiment III, behavioral relevance: obstacles of different looks, and things that mean nothing
 exp4:  ## Experiment IV, uncertainty avoidance: fog
-exp5:  ## Experiment V, disentanglement: four properties in random worlds (takes hours)
+exp5:  ## Experiment V, disentanglement: four properties in random worlds (most of an hour)
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
 factors: $(FACTORS)  ## one factor at a time: what decides the claims that do not hold? (half an hour; after paper)
 $(EXPERIMENTS) lookups $(FACTORS): $(READY)
@@ -48,7 +48,7 @@ $(EXPERIMENTS) lookups $(FACTORS): $(READY)
 paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one report of all: runs/paper/report.pdf
 	$(BIN)/affmap-paper $(SETTINGS)
 
-tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (an hour)
+tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (minutes)
 	for name in $(SEARCHES); do $(BIN)/affmap search=$$name $(SETTINGS) && $(BIN)/affmap-report search=$$name $(SETTINGS) || exit 1; done
 
 publish: paper lookups factors  ## keep the reports and models of all experiments in runs/reference
