@@ -32,12 +32,6 @@ def check_publishable(config: Config) -> None:
         raise ConfigError(f"this is not a result to keep: {config.notice}.")
 
 
-def kept_in(config: Config) -> Path:
-    """The folder that keeps a report: where the report is beside its store, beside the reference run's store."""
-    runs, output = config.store.parent, config.output
-    return config.reference.parent / (output.relative_to(runs) if output.is_relative_to(runs) else output.name)
-
-
 def _publish(arguments: list[str]) -> None:
     from affmap.report import build  # reports take seconds to import
 
@@ -46,7 +40,7 @@ def _publish(arguments: list[str]) -> None:
     config = asked.config if isinstance(asked, Search) else asked.first
     check_publishable(config)
     build.check(report)
-    place = kept_in(config)
+    place = config.published
     manifest.copy(config.output, place, WITHOUT)
     if isinstance(asked, Search):
         print(f"Kept in {place}")

@@ -31,7 +31,7 @@ HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "
 """Hydra's own flags that print something and run nothing."""
 
 IRRELEVANT = ("threads", "compiled", "versions", "logger", "store", "reference", "output", "title", "notice")
-"""Keys that change no result of a trial."""
+"""Keys that change no result of a trial, or only its rounding."""
 
 
 def main() -> None:

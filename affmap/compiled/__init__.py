@@ -4,6 +4,7 @@ Each has its reference elsewhere, in PyTorch or NumPy, which takes its place whe
 process that has switched them off.
 """
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -36,4 +37,5 @@ def enabled() -> bool:
 
 @cache
 def _installed() -> bool:
-    return find_spec("numba") is not None
+    """Whether numba can compile; `NUMBA_DISABLE_JIT=1` is its own switch, for debugging."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0") and find_spec("numba") is not None

@@ -113,4 +113,11 @@ def hydra_errors() -> Iterator[None]:
         # Hydra's messages end in addresses, its own places and types, and name classes and columns.
         text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|\^)", text)[0]
         text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
-        raise ConfigError(f"this cannot be read: {one_line(text).rstrip('.')}.") from None
+        raise ConfigError(f"this cannot be read: {one_line(text).rstrip('.')}{_in_folders(text)}.") from None
+
+
+def _in_folders(text: str) -> str:
+    """The options of a group that Hydra's list of them leaves out: files in folders of its folder."""
+    group = re.search(r"Available options in '([\w/]+)'", text)
+    paths = sorted(folder().glob(f"{group[1]}/*/**/*.yaml")) if group else []
+    return "".join(f" {path.relative_to(folder() / group[1]).with_suffix('')}" for path in paths) if group else ""

@@ -3,6 +3,7 @@
 import os.path
 from collections.abc import Mapping
 from itertools import combinations
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -17,7 +18,7 @@ from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
-from affmap.settings import ConfigError, Count, Folder, Line, Name, Neutral, Seed, Settings
+from affmap.settings import ConfigError, Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings
 from affmap.settings.messages import shown
 from affmap.training.settings import TrainingSettings
 
@@ -66,8 +67,8 @@ Choices = Annotated[Line, BeforeValidator(_choices)]
 class Config(Settings):
     """`conf/config.yaml` and the groups it is made of; one job of a sweep."""
 
-    name: Name
-    """Name of the experiment."""
+    name: NamePath
+    """Name of the experiment, as that of its file in `conf/experiment`."""
     title: Line
     seed: Seed
     """Seed of the first member; member m has seed + m."""
@@ -95,7 +96,7 @@ class Config(Settings):
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
     objective: Literal["validation_nll", "mean_distance", "success"] | None
     """What a search is for; None where nothing is searched."""
-    growth: Name | None
+    growth: NamePath | None
     """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
     world: Name
     """Layout (a file of `conf/layout`) of everything that names no other."""
@@ -121,6 +122,12 @@ class Config(Settings):
             raise ValueError("training_layouts = [] names no layout; data must come from somewhere.")
         return self
 
+    @property
+    def published(self) -> Path:
+        """The folder that `affmap-publish` keeps the report in, as it has its place beside the store."""
+        runs, output = self.store.parent, self.output
+        return self.reference.parent / (output.relative_to(runs) if output.is_relative_to(runs) else output.name)
+
     @model_validator(mode="after")
     def _check_folders(self) -> Self:
         keys = ("output", "store", "reference")
@@ -129,12 +136,11 @@ class Config(Settings):
             if folders[key] == folders[other]:
                 both = shown(str(getattr(self, other)))
                 raise ValueError(f"{key} and {other} are both {both}; give each a folder of its own.")
-        published = self.reference.parent / self.output.name  # `affmap-publish` replaces it
         for key in ("store", "reference"):
-            if os.path.abspath(published) == folders[key]:
+            if os.path.abspath(self.published) == folders[key]:
                 raise ValueError(
-                    f"output = {shown(str(self.output))} would be published as {shown(str(published))}, where {key} "
-                    "is; give it another name."
+                    f"output = {shown(str(self.output))} would be published as {shown(str(self.published))}, where "
+                    f"{key} is; give it another name."
                 )
         return self
 

@@ -21,7 +21,7 @@ from affmap.gaussian import Gaussian
 from affmap.model import direct
 from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup
 from affmap.model.rollout import Situation, rollout
-from affmap.model.stack import Stack
+from affmap.model.stack import Stack, num_changes
 from affmap.model.transition import TransitionModel
 from affmap.planning.objective import expected_free_energy
 from affmap.planning.planner import Objective
@@ -139,15 +139,15 @@ class _Networks:
 
     def __init__(self, stack: Stack) -> None:
         self._transition, self._parameters = stack.transition, list(stack.transition.parameters())
-        self._version = -1
+        self._changes = -1
         self._packed: Weights
 
     def __call__(self) -> Weights:
-        version = sum(weight._version for weight in self._parameters)
-        if version != self._version:
+        changes = num_changes(self._parameters)
+        if changes != self._changes:
             step = self._transition.step()
             self._packed = pack(_array(step.hidden), _array(step.output), _array(step.bias[..., 0]))
-            self._version = version
+            self._changes = changes
         return self._packed
 
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import embedding
 
-from affmap.model.stack import Stack
+from affmap.model.stack import Stack, num_changes
 from affmap.model.windows import take_apart, words
 
 
@@ -30,11 +30,7 @@ class CachedEncoder:
     def _forget(self) -> None:
         self._numbers: dict[bytes, int] = {}
         self._codes = next(self._stack.parameters()).new_empty(len(self._stack.seeds), 0, self._stack.context_size)
-        self._version = self._present_version()
-
-    def _present_version(self) -> int:
-        """A number that grows whenever weights are changed."""
-        return sum(weight._version for weight in self._stack.parameters())
+        self._changes = num_changes(self._stack.parameters())
 
     @torch.no_grad()
     def __call__(self, views: Tensor) -> Tensor:
@@ -46,7 +42,7 @@ class CachedEncoder:
         """
         if len(views) != len(self._stack.seeds):
             raise ValueError(f"views have leading axis {len(views)}; it must be {len(self._stack.seeds)}, the members.")
-        if len(self._numbers) > self.limit or self._version != self._present_version():
+        if len(self._numbers) > self.limit or self._changes != num_changes(self._stack.parameters()):
             self._forget()
         try:
             numbers = self._number(views).to(views.device)

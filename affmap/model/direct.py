@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from affmap import compiled
-from affmap.model.stack import Stack
+from affmap.model.stack import Stack, num_changes
 from affmap.model.vision import VisionModel
 from affmap.view import Map, for_compiled
 
@@ -66,7 +66,7 @@ class DirectEncoder:
         """Encode with `stack`."""
         self._stack = stack
         self._parameters = list(stack.vision.parameters()) if stack.vision else []
-        self._version = -1
+        self._changes = -1
 
     @torch.no_grad()
     def __call__(self, worlds: Sequence[Map], positions: Tensor) -> Tensor | None:
@@ -108,10 +108,10 @@ class DirectEncoder:
     @torch.no_grad()
     def weights(self) -> Weights:
         """The present weights of a vision model on the CPU, arranged anew when they have changed."""
-        version = sum(weight._version for weight in self._parameters)
-        if version != self._version:
+        changes = num_changes(self._parameters)
+        if changes != self._changes:
             assert self._stack.vision is not None
-            self._weights, self._version = Weights.of(self._stack.vision), version
+            self._weights, self._changes = Weights.of(self._stack.vision), changes
         return self._weights
 
     def _readable(self) -> bool:

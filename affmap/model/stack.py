@@ -1,6 +1,6 @@
 """M members side by side: vision model and transition model, drawn from each member's own seed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -52,3 +52,8 @@ class Stack(nn.Module):
         if self.vision is None:
             return windows.patches.new_zeros(len(self.seeds), *windows.ids.shape[1:], 0)
         return self.vision.encode(windows)
+
+
+def num_changes(weights: Iterable[Tensor]) -> int:
+    """A number that grows whenever weights change; inference tensors, whose changes PyTorch does not count, add 0."""
+    return sum(0 if weight.is_inference() else weight._version for weight in weights)

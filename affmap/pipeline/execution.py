@@ -33,6 +33,7 @@ def run(config: Config) -> Setting:
     check_models(config)
     check_trials(config)
     check_logger(config)
+    _set_up(config)
     store = open_store(config)
     data, train = _models(config, store)
     painted = store.ensure(MAP.of(config), lambda attempt: make_maps(config, train, attempt))
@@ -52,6 +53,7 @@ def validation(config: Config) -> np.ndarray:
     """
     check_models(config)
     check_logger(config)
+    _set_up(config)
     _, train = _models(config, open_store(config))
     table = files.read_validation(train).query(f"epoch == {config.training.num_epochs}")
     losses = table["validation_nll"].to_numpy().reshape(-1, config.members)
@@ -74,9 +76,13 @@ def score(config: Config) -> float | list[float]:
     return float(files.read_runs(folder, [objective])[objective].mean())
 
 
-def _models(config: Config, store: Store) -> tuple[Path, Path]:
-    """Bring exploration and training to completion; returns where they are."""
+def _set_up(config: Config) -> None:
+    """Set what holds for the whole process: threads, and whether loops are compiled."""
     torch.set_num_threads(config.threads)
     compiled.use(config.compiled)
+
+
+def _models(config: Config, store: Store) -> tuple[Path, Path]:
+    """Bring exploration and training to completion; returns where they are."""
     data = store.ensure(DATA.of(config), lambda attempt: make_data(config, attempt))
     return data, store.ensure(TRAIN.of(config), lambda attempt: make_models(config, data, attempt))

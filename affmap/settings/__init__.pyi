@@ -9,6 +9,7 @@ from .types import CountOrNone as CountOrNone
 from .types import Folder as Folder
 from .types import Line as Line
 from .types import Name as Name
+from .types import NamePath as NamePath
 from .types import NonNegative as NonNegative
 from .types import Number as Number
 from .types import Positive as Positive

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
+_PART = "[A-Za-z0-9][A-Za-z0-9_.-]{0,99}"
+NAME = f"^{_PART}$"
 """Names that are safe in a path on every system."""
 
 SMALLEST, LARGEST = 1e-12, 1e12
@@ -83,4 +84,6 @@ Line = Annotated[str, Field(strict=True, min_length=1, max_length=500), AfterVal
 """A text on one line."""
 Name = Annotated[str, Field(strict=True, pattern=NAME)]
 """The name of something that has a file or folder of its own."""
+NamePath = Annotated[str, Field(strict=True, pattern=f"^{_PART}(/{_PART}){{0,3}}$")]
+"""The same, perhaps in folders of folders."""
 Folder = Annotated[Path, AfterValidator(check_folder)]

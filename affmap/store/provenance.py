@@ -17,9 +17,9 @@ from typing import Any
 PROVENANCE = "provenance.json"
 """File of a stage and of a report."""
 
-PACKAGES = ("affmap", "torch", "lightning", "numpy", "box2d", "gymnasium", "hydra-core", "pandas", "scipy")
+PACKAGES = ("affmap", "torch", "lightning", "numpy", "numba", "box2d", "gymnasium", "hydra-core", "pandas", "scipy")
 
-NUMERIC = ("torch", "lightning", "numpy", "box2d")
+NUMERIC = ("torch", "lightning", "numpy", "numba", "box2d")
 """Packages whose version may change a result's numbers. Our own rules have versions of their own, a stage each."""
 
 _CHECKSUM = "checksum"
@@ -46,10 +46,13 @@ def versions() -> dict[str, str | None]:
 
 
 def other_versions(made_with: Mapping[str, str | None]) -> str:
-    """How the packages that numbers depend on differ from those installed, in words; empty where they do not."""
+    """How the packages that numbers depend on differ from those installed, in words; empty where they do not.
+
+    A package that is not named is none that the result's numbers depended on.
+    """
     now = versions()
-    different = [name for name in NUMERIC if made_with.get(name) != now[name]]
-    return ", ".join(f"{name} {made_with.get(name)} instead of {now[name]}" for name in different)
+    different = [name for name in NUMERIC if name in made_with and made_with[name] != now[name]]
+    return ", ".join(f"{name} {made_with[name]} instead of {now[name]}" for name in different)
 
 
 def with_checksum(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from affmap import compiled
 from affmap.store.attempt import Attempt, is_scratch
 from affmap.store.files import digests, sha256, write_json
 from affmap.store.provenance import PROVENANCE, canonical, circumstances, has_valid_checksum, peak_memory, with_checksum
@@ -78,6 +79,7 @@ def provenance(stage: Stage, attempt: Attempt) -> dict[str, Any]:
             "seconds": round(attempt.seconds, 2),
             "peak_memory_mib": round(peak_memory(), 1),
             **circumstances(),
+            "compiled": compiled.enabled(),
             "files": _digests(attempt.folder),
         }
     )

@@ -1,10 +1,9 @@
-"""Where reports are kept; what is kept of them is tested in `test_run.py`."""
+"""Where `affmap-publish` keeps reports; what it keeps of them is tested in `test_run.py`."""
 
 from pathlib import Path
 
 import pytest
 
-from affmap.cli.publish import kept_in
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 
@@ -20,9 +19,9 @@ from affmap.config.sweep import Sweep
     ],
 )
 def test_a_report_is_kept_under_the_place_that_it_has_beside_its_store(line: list[str], kept: str) -> None:
-    assert kept_in(Sweep.read(line).first) == Path(kept)
+    assert Sweep.read(line).first.published == Path(kept)
 
 
 def test_the_report_of_a_search_is_kept_in_the_same_way() -> None:
     search = Search.read(["search=cem"])
-    assert search and kept_in(search.config) == Path("runs/reference/tune/cem")
+    assert search and search.config.published == Path("runs/reference/tune/cem")

@@ -87,3 +87,12 @@ def test_no_folder_to_write_to(package: Path, tmp_path: Path) -> None:
     blocked.write_text("")
     homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"), str(blocked))
     assert run(package, PYTHONDONTWRITEBYTECODE="1", **homes) == "1.0 None"
+
+
+@pytest.mark.parametrize(("value", "enabled"), [("1", "False"), ("0", "True")])
+def test_numba_s_own_switch_is_respected(value: str, enabled: str) -> None:
+    """`NUMBA_DISABLE_JIT=1`, with which people debug, leaves the work to PyTorch."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": value}
+    command = [sys.executable, "-c", "from affmap import compiled; print(compiled.enabled())"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == enabled

@@ -128,7 +128,7 @@ def test_every_job_of_every_experiment_at_every_scale_can_be_used(experiment: st
     assert len(found) == math.prod(len(str(value).split(",")) for value in swept.values())
     assert len({CONTROL.of(job).digest for job in found}) == len(found)
     for job in found:
-        assert job.name == Path(experiment).name
+        assert job.name == experiment
         assert (job.notice is None) == (scale == "full") == (job.output == Path("runs") / experiment)
 
 

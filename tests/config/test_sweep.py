@@ -74,7 +74,7 @@ def test_several_experiments_at_once_are_refused(line: list[str]) -> None:
         (["contextsize=3"], "Could not override 'contextsize'"),
         (["model.contextsize=3"], "Could not override 'model.contextsize'"),
         (["planner=oracle"], "Could not find 'planner/oracle'.*cem.*gradient"),
-        (["experiment=exp99"], "Could not find 'experiment/exp99'.*exp1"),
+        (["experiment=exp99"], "Could not find 'experiment/exp99'.*exp1.*factors/beta"),
         (["model.context_size"], "model.context_size"),
         (["model.context_size=[1"], "no viable alternative at input .\\[1"),
         (["planner=gradient", "planner.num_elites=3"], "planner.num_elites"),

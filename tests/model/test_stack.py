@@ -5,7 +5,7 @@ import hashlib
 import pytest
 import torch
 
-from affmap.model.stack import ModelSettings, Stack
+from affmap.model.stack import ModelSettings, Stack, num_changes
 
 
 def stack(context_size: int, seeds: list[int], channels: int = 1) -> Stack:
@@ -66,3 +66,13 @@ def test_a_state_holds_weights_only() -> None:
 
 GOLDEN_FIRST = [-0.11834, 0.030316, -0.223626]
 GOLDEN_DIGEST = "1da28a61e4873be4"
+
+
+def test_changes_of_weights_are_counted() -> None:
+    """PyTorch's own count; where it does not count, in inference mode, no error."""
+    weights = [torch.zeros(2), torch.zeros(3)]
+    before = num_changes(weights)
+    weights[1].add_(1)
+    assert num_changes(weights) == before + 1
+    with torch.inference_mode():
+        assert num_changes([torch.zeros(2)]) == 0

@@ -17,6 +17,7 @@ from filelock import FileLock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from affmap import compiled
 from affmap.store import provenance
 from affmap.store.attempt import Attempt
 from affmap.store.files import digests
@@ -310,6 +311,8 @@ def test_what_other_versions_made_is_refused_unless_it_is_wanted(
     assert Store(tmp_path / "new", [tmp_path]).find(STAGE) == folder
     rewrite(folder, versions={**versions(), "pandas": "0.1"})
     assert Store(tmp_path).find(STAGE) == folder
+    rewrite(folder, versions={name: each for name, each in versions().items() if name != "numba"})  # older than its use
+    assert Store(tmp_path).find(STAGE) == folder
 
 
 def test_what_other_versions_began_is_not_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -393,3 +396,7 @@ def test_provenance_tells_where_a_result_comes_from(tmp_path: Path, monkeypatch:
     assert record["versions"]["numpy"] == np.__version__
     assert record["git"] is None or re.fullmatch(r"[0-9a-f]{12}(-dirty)?", record["git"])
     assert record["machine"]["cores"] >= 1
+    assert record["compiled"]
+    with compiled.switched(False):
+        again = Store(tmp_path / "another").ensure(STAGE, lambda work: None)
+    assert not json.loads((again / PROVENANCE).read_text())["compiled"]
