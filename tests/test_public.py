@@ -128,7 +128,7 @@ def test_the_readme_s_other_numbers_on_speed_are_those_measured() -> None:
     others = 1 - planning - step.set_index("part")["share"]["views and records"]
     assert f"takes {others:.0%} of a step of control (100 agents), planning {planning:.0%}".replace("%", " %") in readme
     team = growth[growth["varied"] == "threads and processes"].set_index(["processes", "threads"])["milliseconds"]
-    assert round(team[1, 2] / team[2, 1], 1) == 2.0 and "each train twice as much" in readme
+    assert round(team[1, 2] / team[2, 1], 1) == 2.0 and "each have twice the throughput" in readme
 
 
 def distances(path: str, **values: object) -> pd.DataFrame:

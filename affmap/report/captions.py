@@ -131,7 +131,7 @@ def _trajectories(results: Results, settings: ReportSettings) -> str:
     kind = f"with {PLANNERS[planner].method} planning" if planner in PLANNERS else f"by “{planner}”"
     paper = "As the paper's Figure 5. " if settings.claims == "exp1" else ""
     return (
-        f"{paper}One moment of a run {kind}. Shown are not the best runs but, by a rule: "
+        f"{paper}One moment of a run {kind}. Runs were not picked by hand, but by a rule: "
         f"{examples.example_rule(results)}. {'; '.join(stories)}.{circles} Numbers are those of whole runs.{noise}"
     )
 
