@@ -1,4 +1,4 @@
-"""The command `affmap-publish`: the report of a sweep or a search, and the models, are kept in `runs/reference`."""
+"""The command `affmap-publish`: reports, and the models of experiments, are kept in `runs/reference`."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 
 
 def main() -> None:
-    """`affmap-publish`: keep the report and the models of a sweep, or the report of a search, in `runs/reference`."""
+    """`affmap-publish`: keep the report and the models of an experiment in `runs/reference`; of others the report."""
     command(_publish, about=main.__doc__)
 
 
@@ -42,7 +42,7 @@ def _publish(arguments: list[str]) -> None:
     build.check(report)
     place = config.published
     manifest.copy(config.output, place, WITHOUT)
-    if isinstance(asked, Search):
+    if isinstance(asked, Search) or config.report.compare:
         print(f"Kept in {place}")
         return
     part = completed(asked)

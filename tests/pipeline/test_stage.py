@@ -79,11 +79,15 @@ def test_what_was_written_before_a_key_existed_is_read_as_if_it_had_it(values: d
 def test_a_raised_version_renames_the_stage_and_those_after_it(values: dict[str, Any]) -> None:
     """Results of the old rules are not found any more, so they are made anew; those before it are."""
     config = Config.checked(values, "here")
-    train = replace(TRAIN, version=2)
+    first, train = replace(TRAIN, version=1), replace(TRAIN, version=2)
     maps, control = replace(MAP, needs=train), replace(CONTROL, needs=train, version=1)
-    assert DATA.of(config).rules == TRAIN.of(config).rules == {}
+    assert DATA.of(config).rules == first.of(config).rules == {}
     assert train.of(config).rules == maps.of(config).rules == control.of(config).rules == {"train": 2}
-    for old, new in ((TRAIN, train), (MAP, maps), (CONTROL, control)):
+    for old, new in (
+        (first, train),
+        (replace(maps, needs=first), maps),
+        (replace(control, needs=first), control),
+    ):
         assert old.of(config).digest != new.of(config).digest
         assert old.of(config).config == new.of(config).config
     assert replace(control, version=3).of(config).rules == {"train": 2, "control": 3}
