@@ -12,7 +12,7 @@ from affmap.compiled.functions import exp2, log, sigmoid
 from affmap.compiled.jit import compiled, inlined
 from affmap.compiled.lanes import WIDTH, broadcast, fma, keep, load, pointer, splat, store, store_totals
 from affmap.compiled.lookups import bound, look_up, map_slopes
-from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array, Maps, Scenes, Start, Weights
+from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array, Desired, Maps, Scenes, Start, Weights
 
 f32 = np.float32
 LN_2 = f32(np.log(2))
@@ -57,74 +57,20 @@ class _Tape(NamedTuple):
 
 @compiled
 def gradients(
-    hidden: Array,
-    output: Array,
-    bias: Array,
-    codes: Array,
-    scale: Array,
-    position: Array,
-    delta: Array,
+    weights: Weights,
+    lookup: Maps | Scenes,
+    start: Start,
     actions: Array,
-    goal: Array,
-    goal_std: Array,
-    beta: f32,
+    desired: Desired,
     through_map: bool,
     result: Array,
     gradient: Array,
 ) -> None:
     """Write costs of actions `[B, N, H, 4]` into `result` `[B, N]`, and their gradients into `gradient` `[B, N, H, 4]`.
 
-    With `through_map` gradients flow through the map to the positions, too. A path whose first action is not a number
-    costs no time: neither is its cost, and its gradient is 0.
+    With `through_map` gradients flow through the map to the positions, too; through views they never do. A path whose
+    first action is not a number costs no time: neither is its cost, and its gradient is 0.
     """
-    weights, start, desired = Weights(hidden, output, bias), Start(position, delta), (goal, goal_std, beta)
-    _gradients(weights, Maps(codes, scale), start, actions, desired, through_map, result, gradient)
-
-
-@compiled
-def gradients_of_views(
-    hidden: Array,
-    output: Array,
-    bias: Array,
-    offsets: Array,
-    size: Array,
-    border_channels: Array,
-    circles: Array,
-    channels: Array,
-    pictures: Array,
-    weight2: Array,
-    bias2: Array,
-    weight3: Array,
-    bias3: Array,
-    weight4: Array,
-    bias4: Array,
-    position: Array,
-    delta: Array,
-    actions: Array,
-    goal: Array,
-    goal_std: Array,
-    beta: f32,
-    result: Array,
-    gradient: Array,
-) -> None:
-    """The same with codes of the views at the very positions, through which no gradient flows."""
-    weights, start, desired = Weights(hidden, output, bias), Start(position, delta), (goal, goal_std, beta)
-    worlds = offsets, size, border_channels, circles, channels
-    scenes = Scenes(*worlds, pictures, weight2, bias2, weight3, bias3, weight4, bias4)
-    _gradients(weights, scenes, start, actions, desired, False, result, gradient)
-
-
-@inlined
-def _gradients(
-    weights: Weights,
-    lookup: Any,
-    start: Start,
-    actions: Array,
-    desired: Any,
-    through_map: bool,
-    result: Array,
-    gradient: Array,
-) -> None:
     goal, goal_std, beta = desired
     num_problems, num_candidates, horizon, _ = actions.shape
     num_members, num_blocks, num_inputs, _ = weights.hidden.shape

@@ -26,13 +26,13 @@ from affmap.compiled.lanes import (
     where_less,
     whole,
 )
-from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array, Maps, Start, Weights
+from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array, Desired, Maps, Start, Weights
 
 f32 = np.float32
 
 
 class _Memory(NamedTuple):
-    """Addresses of the numbers above, and of those of the present problem; P is its number of paths, whole vectors."""
+    """Addresses: weights, codes, and numbers of the present problem; P is its number of paths, whole vectors."""
 
     hidden: Any
     output: Any
@@ -67,25 +67,15 @@ class _Sizes(NamedTuple):
 
 @compiled
 def costs(
-    hidden: Array,
-    output: Array,
-    bias: Array,
-    codes: Array,
-    scale: Array,
-    position: Array,
-    delta: Array,
+    weights: Weights,
+    maps: Maps,
+    start: Start,
     actions: Array,
-    goal: Array,
-    goal_std: Array,
-    beta: f32,
+    desired: Desired,
     result: Array,
 ) -> None:
-    """Write the expected free energy (nats) of actions `[B, N, H, 4]` into `result` `[B, N]`.
-
-    Arrays as in `affmap.compiled.problems`; `goal` `[B, 2]` and its `goal_std` `[B]` in u.
-    """
+    """Write the expected free energy (nats) of actions `[B, N, H, 4]` into `result` `[B, N]`."""
     num_problems, num_candidates, horizon, _ = actions.shape
-    weights, maps, start = Weights(hidden, output, bias), Maps(codes, scale), Start(position, delta)
     sizes = _sizes(weights, maps, num_problems, num_candidates)
     buffers = _buffers(sizes, horizon)
     memory = _memory(weights, maps, buffers, sizes, horizon)
@@ -93,10 +83,10 @@ def costs(
     for b in range(num_problems):
         _begin(memory, sizes, start, actions, b)
         total[:] = f32(0)
-        std = goal_std[b]
+        std = desired.goal_std[b]
         precision = splat(f32(0.5) / (std * std))
-        factor = splat(f32(0.5) * (beta - f32(1)))
-        goal_x, goal_y = splat(goal[b, 0]), splat(goal[b, 1])
+        factor = splat(f32(0.5) * (desired.beta - f32(1)))
+        goal_x, goal_y = splat(desired.goal[b, 0]), splat(desired.goal[b, 1])
         for t in range(horizon):
             for p in range(0, sizes.paths, WIDTH):
                 x, y, variance_x, variance_y = _advance(memory, sizes, maps.scale[0], maps.scale[1], b, t, p)
@@ -104,7 +94,7 @@ def costs(
                 distance = fma(x, x, fma(y, y, variance_x + variance_y))
                 term = fma(distance, precision, (log(variance_x) + log(variance_y)) * factor)
                 store(total, p, load(total, p) + term)
-        constant = f32(2) * np.log(std) - f32(1) + beta * LOG_2_PI_E
+        constant = f32(2) * np.log(std) - f32(1) + desired.beta * LOG_2_PI_E
         for p in range(num_candidates):
             result[b, p] = total[p] / f32(horizon) + constant
     keep(buffers)
@@ -112,20 +102,15 @@ def costs(
 
 @compiled
 def positions(
-    hidden: Array,
-    output: Array,
-    bias: Array,
-    codes: Array,
-    scale: Array,
-    position: Array,
-    delta: Array,
+    weights: Weights,
+    maps: Maps,
+    start: Start,
     actions: Array,
     mean: Array,
     variance: Array,
 ) -> None:
     """Write positions along the paths of actions `[B, N, H, 4]` into `mean` (u) and `variance`, `[B, H, 2, N]`."""
     num_problems, num_candidates, horizon, _ = actions.shape
-    weights, maps, start = Weights(hidden, output, bias), Maps(codes, scale), Start(position, delta)
     sizes = _sizes(weights, maps, num_problems, num_candidates)
     buffers = _buffers(sizes, horizon)
     memory = _memory(weights, maps, buffers, sizes, horizon)

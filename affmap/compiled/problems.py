@@ -1,7 +1,7 @@
 """Imagination as data for compiled loops: networks, affordance maps, where paths start and where they should lead.
 
-All arrays are float32 and contiguous. B problems are member-major, as everywhere: problem b belongs to member
-b M / B and to world b M W / B.
+All arrays are contiguous, and float32 unless said otherwise. B problems are member-major, as everywhere: problem b
+belongs to member b M / B and to world b M W / B.
 """
 
 from typing import NamedTuple
@@ -46,12 +46,13 @@ class Scenes(NamedTuple):
     size: Array
     """`[2]`, of the arenas, u."""
     border_channels: Array
-    """`[W]`"""
+    """`[W]`, int64."""
     circles: Array
     """`[W, N, 3]`; those that fill up have a squared radius below 0."""
     channels: Array
-    """`[W, N]`"""
+    """`[W, N]`, int64."""
     pictures: Array
+    """This and what follows: the vision models, `affmap.model.direct.Weights`."""
     weight2: Array
     bias2: Array
     weight3: Array
@@ -67,6 +68,17 @@ class Start(NamedTuple):
     """`[B, 2]`, u."""
     delta: Array
     """`[B, 2]`, u/step."""
+
+
+class Desired(NamedTuple):
+    """Where the paths of B problems should lead, and how much uncertainty counts."""
+
+    goal: Array
+    """`[B, 2]`, u."""
+    goal_std: Array
+    """`[B]`, u."""
+    beta: np.float32
+    """Weight of the uncertainty."""
 
 
 def pack(hidden: Array, output: Array, bias: Array) -> Weights:

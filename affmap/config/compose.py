@@ -119,5 +119,7 @@ def hydra_errors() -> Iterator[None]:
 def _in_folders(text: str) -> str:
     """The options of a group that Hydra's list of them leaves out: files in folders of its folder."""
     group = re.search(r"Available options in '([\w/]+)'", text)
-    paths = sorted(folder().glob(f"{group[1]}/*/**/*.yaml")) if group else []
-    return "".join(f" {path.relative_to(folder() / group[1]).with_suffix('')}" for path in paths) if group else ""
+    if not group:
+        return ""
+    paths = sorted(folder().glob(f"{group[1]}/*/**/*.yaml"))
+    return "".join(f" {path.relative_to(folder() / group[1]).with_suffix('')}" for path in paths)

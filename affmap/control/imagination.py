@@ -13,15 +13,15 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import pad
 
-from affmap.compiled.gradients import gradients, gradients_of_views
+from affmap.compiled.gradients import gradients
 from affmap.compiled.imagination import costs, positions
 from affmap.compiled.lanes import WIDTH
-from affmap.compiled.problems import Maps, Start, Weights, pack
+from affmap.compiled.problems import Desired, Maps, Scenes, Start, Weights, pack
 from affmap.gaussian import Gaussian
 from affmap.model import direct
 from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup
 from affmap.model.rollout import Situation, rollout
-from affmap.model.stack import Stack, num_changes
+from affmap.model.stack import Stack, num_changes, readable
 from affmap.model.transition import TransitionModel
 from affmap.planning.objective import expected_free_energy
 from affmap.planning.planner import Objective
@@ -48,10 +48,9 @@ class CompiledImagination(Protocol):
 
 def compiled_imagination(stack: Stack, lookup: Lookup) -> CompiledImagination | None:
     """That of a stack with a look-up, or None for models, look-ups and devices that it does not know."""
-    known = all(weight.device.type == "cpu" and weight.dtype == torch.float32 for weight in stack.parameters())
-    if type(stack.transition) is not TransitionModel or not known:
+    if type(stack.transition) is not TransitionModel or not readable(stack.parameters()):
         return None
-    if isinstance(lookup, AffordanceMap) and lookup.codes.device.type == "cpu" and lookup.codes.dtype == torch.float32:
+    if isinstance(lookup, AffordanceMap) and readable([lookup.codes]):
         return MapImagination(stack, lookup)
     return ViewImagination(stack, lookup) if isinstance(lookup, ExactLookup) and stack.vision else None
 
@@ -71,21 +70,22 @@ class MapImagination:
         """See `CompiledImagination`."""
         num_problems, num_candidates, horizon, _ = actions.shape
         mean, variance = actions.new_empty(2, num_problems, horizon, 2, num_candidates)
-        positions(*self._networks(), *self._maps, *_start(situation), _array(actions), mean.numpy(), variance.numpy())
+        start = _start(situation)
+        positions(self._networks(), self._maps, start, _array(actions), mean.numpy(), variance.numpy())
         return Gaussian(*(part.permute(0, 3, 1, 2) for part in (mean, 0.5 * variance.log())))
 
     def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
         """See `CompiledImagination`."""
-        networks, start = (*self._networks(), *self._maps), _start(situation)
-        desired = _array(goal), _array(goal_std), np.float32(beta)
+        networks, maps, start = self._networks(), self._maps, _start(situation)
+        desired = _desired(goal, goal_std, beta)
 
         def without_gradient(actions: Tensor) -> Tensor:
             result = actions.new_empty(actions.shape[:2])
-            costs(*networks, *start, _array(actions), *desired, result.numpy())
+            costs(networks, maps, start, _array(actions), desired, result.numpy())
             return result
 
         def with_gradient(actions: np.ndarray, result: np.ndarray, gradient: np.ndarray) -> None:
-            gradients(*networks, *start, actions, *desired, self._differentiable, result, gradient)
+            gradients(networks, maps, start, actions, desired, self._differentiable, result, gradient)
 
         def objective(actions: Tensor) -> Tensor:
             # A single candidate costs the same to the last bit, with a gradient and without.
@@ -119,11 +119,11 @@ class ViewImagination:
 
     def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
         """See `CompiledImagination`."""
-        seen, start = (*self._networks(), *self._worlds, *self._encoder.weights()), _start(situation)
-        desired = _array(goal), _array(goal_std), np.float32(beta)
+        networks, start, desired = self._networks(), _start(situation), _desired(goal, goal_std, beta)
+        scenes = Scenes(*self._worlds, *self._encoder.weights())
 
         def with_gradient(actions: np.ndarray, result: np.ndarray, gradient: np.ndarray) -> None:
-            gradients_of_views(*seen, *start, actions, *desired, result, gradient)
+            gradients(networks, scenes, start, actions, desired, False, result, gradient)
 
         def objective(actions: Tensor) -> Tensor:
             if actions.shape[1] == 1:
@@ -174,6 +174,10 @@ def _is_differentiated(actions: Tensor) -> bool:
 
 def _start(situation: Situation) -> Start:
     return Start(_array(situation.position), _array(situation.delta))
+
+
+def _desired(goal: Tensor, goal_std: Tensor, beta: float) -> Desired:
+    return Desired(_array(goal), _array(goal_std), np.float32(beta))
 
 
 def _array(tensor: Tensor) -> np.ndarray:

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from affmap import compiled
-from affmap.model.stack import Stack, num_changes
+from affmap.model.stack import Stack, num_changes, readable
 from affmap.model.vision import VisionModel
 from affmap.view import Map, for_compiled
 
@@ -116,6 +116,4 @@ class DirectEncoder:
 
     def _readable(self) -> bool:
         """Whether there is a vision model whose weights compiled code can read."""
-        return bool(self._parameters) and all(
-            weight.device.type == "cpu" and weight.dtype == torch.float32 for weight in self._parameters
-        )
+        return bool(self._parameters) and readable(self._parameters)

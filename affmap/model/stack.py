@@ -54,6 +54,11 @@ class Stack(nn.Module):
         return self.vision.encode(windows)
 
 
+def readable(numbers: Iterable[Tensor]) -> bool:
+    """Whether compiled code can read tensors: float32, on the CPU."""
+    return all(tensor.is_cpu and tensor.dtype == torch.float32 for tensor in numbers)
+
+
 def num_changes(weights: Iterable[Tensor]) -> int:
     """A number that grows whenever weights change; inference tensors, whose changes PyTorch does not count, add 0."""
     return sum(0 if weight.is_inference() else weight._version for weight in weights)

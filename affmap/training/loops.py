@@ -16,7 +16,7 @@ from affmap import compiled
 from affmap.compiled.layout import NUM_TAPS, Layout, Parameters, layout
 from affmap.compiled.samples import Samples, samples
 from affmap.data.batches import Batch
-from affmap.model.stack import Stack
+from affmap.model.stack import Stack, readable
 from affmap.model.transition import TransitionModel
 from affmap.model.vision import sizes
 from affmap.training.settings import PerTrial
@@ -24,9 +24,7 @@ from affmap.training.settings import PerTrial
 
 def usable(stack: Stack) -> bool:
     """Whether compiled loops are switched on, and made for such a stack: the paper's models, on a CPU."""
-    weight = stack.transition.output_weight
-    known = type(stack.transition) is TransitionModel and weight.is_cpu and weight.dtype == torch.float32
-    return known and compiled.enabled()
+    return type(stack.transition) is TransitionModel and readable(stack.parameters()) and compiled.enabled()
 
 
 def losses(stack: Stack, batch: Batch) -> Tensor:
