@@ -1,14 +1,17 @@
-"""All experiments of the paper at the tiniest scale, from exploration to the report of the whole."""
+"""All experiments of `conf` at the tiniest scale: those of the paper to the report of the whole, and comparisons."""
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from affmap.config.sweep import Sweep
 from affmap.experiments import PAPER
+from affmap.settings import folder
 
 TINY = [
     "scale=smoke",
@@ -17,35 +20,41 @@ TINY = [
     "data.num_steps=20",
     "control.num_steps=4",
     "report.map_spacing=0.1",
-    "lookup.spacing=0.25",
-    "model.context_size=0,1",
     "hydra.launcher.n_jobs=1",
 ]
+COARSE = "lookup.spacing=0.25"
+COMPARISONS = {"lookups": "lookup.spacing=0,0.1,0.25"} | {
+    f"factors/{path.stem}": COARSE for path in sorted(folder().glob("experiment/factors/*.yaml"))
+}
+"""Name -> the maps that agents look into."""
+
 SCRIPT = """
 import sys
 from affmap.cli import paper, report, run
-from affmap.experiments import PAPER
 def call(entry, *arguments):
     sys.argv = [entry.__module__, *arguments, *sys.argv_given]
     entry()
 sys.argv_given = sys.argv[1:]
-for experiment in PAPER:
-    call(run.main, f"experiment={experiment}")
-    call(report.main, f"experiment={experiment}")
-call(paper.main)
+for line in lines:
+    call(run.main, *line)
+    call(report.main, *line)
 """
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the commands leave behind, all in one process, because most of their time is imports."""
-    folder = tmp_path_factory.mktemp("paper")
-    result = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", SCRIPT, *TINY], cwd=folder, capture_output=True, text=True, timeout=600
-    )
+    lines, arguments = [[f"experiment={name}"] for name in PAPER], [*TINY, COARSE, "model.context_size=0,1"]
+    return made(lines, f"{SCRIPT}\ncall(paper.main)", arguments, tmp_path_factory.mktemp("paper"))
+
+
+def made(lines: Sequence[list[str]], script: str, arguments: Sequence[str], place: Path) -> Path:
+    """Run a script, which runs and reports some command lines, in a folder, and return the folder."""
+    command = [sys.executable, "-W", "ignore", "-c", f"lines = {lines}\n{script}", *arguments]
+    result = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
     assert "Traceback" not in result.stdout + result.stderr
-    return folder
+    return place
 
 
 @pytest.mark.parametrize("experiment", PAPER)
@@ -80,3 +89,22 @@ def test_nothing_is_computed_twice(place: Path) -> None:
         for name in ("data", "train")
     }
     assert len(kept["data"]) == 4 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `make lookups` and `make factors` leave behind."""
+    lines = [[f"experiment={name}", maps] for name, maps in COMPARISONS.items()]
+    return made(lines, SCRIPT, TINY, tmp_path_factory.mktemp("comparisons"))
+
+
+@pytest.mark.parametrize("name", COMPARISONS)
+def test_a_comparison_ends_with_its_table(compared: Path, name: str) -> None:
+    """Each value but the first is compared with it, in every metric."""
+    sweep = Sweep.read([f"experiment={name}", COMPARISONS[name]])
+    factor = str(sweep.first.report.compare)
+    place = compared / "runs" / f"{name}-smoke"
+    table = pd.read_csv(place / "tables" / f"{factor.replace('.', '_')}.csv")
+    assert table["a"].nunique() == 1 and table["b"].nunique() == len({each[factor] for each in sweep.swept}) - 1
+    assert {"prediction_error", "mean_distance", "reached"} <= set(table["metric"])
+    assert (place / "figures" / f"{factor.replace('.', '_')}.png").is_file()

@@ -335,7 +335,8 @@ LINES: dict[str, list[str]] = {
     "is not": [
         "sweep=3", "sweep=null", "+sweep.seed=true", "+key=1", "++model.key=1", "growth=a b", "growth=[]",
         "model.context_size=1,x", "model.context_size=0,1,-1", "members=range(3)", "planner=cem,gradient|sweep=4",
-        "title=${vehicle}", "title=", "title=null", "output=", "name=a/../b", "name=a//b", "name=..", "output=.", "output=/",
+        "title=${vehicle}", "title=", "title=null", "output=", "name=a/../b", "name=a//b", "name=..",
+        "output=.", "output=/",
         "members=1e400", "members=true", "members=nan", "threads=100000", "world=procedural_hard",
     ],
     "holds: fog": ["world=moon", "world=../fog", "control_layout=moon", "training_layouts=[fog,moon]"],
