@@ -6,13 +6,13 @@ from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
 from affmap.control.registry import PLANNER, AnyAgent
 from affmap.control.settings import ControlSettings
 from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
-from affmap.env.layout import Layout
+from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural, is_procedural
 from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
@@ -98,6 +98,8 @@ class Config(Settings):
     """What a search is for; None where nothing is searched."""
     growth: NamePath | None
     """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
+    acts: Acts | None
+    """Where fog and force fields act in every layout; None for what each of them says."""
     world: Name
     """Layout (a file of `conf/layout`) of everything that names no other."""
     training_layouts: tuple[NamedLayout, ...]
@@ -115,6 +117,15 @@ class Config(Settings):
     agent: Annotated[AnyAgent, Neutral(PLANNER)]
     control: ControlSettings
     report: ReportSettings
+
+    @field_validator("training_layouts", "control_layout", "map_layout")
+    @classmethod
+    def _set_acts(cls, value: Any, info: ValidationInfo) -> Any:
+        if (acts := info.data.get("acts")) is None:
+            return value
+        if isinstance(value, tuple):
+            return tuple(layout.model_copy(update={"acts": acts}) for layout in value)
+        return value.model_copy(update={"acts": acts})
 
     @model_validator(mode="after")
     def _check_training_layouts(self) -> Self:

@@ -34,7 +34,7 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
     """Whether the vehicle can get from `start` to `goal` `[2]` (u) steering freely all the way.
 
     It must touch no obstacle and no border, stay out of fog, and pass only places where two throttles can push against
-    the force fields that its disc overlaps there. That is sufficient, up to the grid, on which start and goal count at
+    the force fields that act there. That is sufficient, up to the grid, on which start and goal count at
     their nearest points; it is not necessary: a vehicle may also be carried through a field, or find its way in fog.
     """
     from scipy import ndimage  # takes a tenth of a second to import
@@ -48,11 +48,12 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
     pull = np.zeros((*passable.shape, 2))  # N
     for circle in layout.circles:
         center_x, center_y = circle.center
-        overlaps = np.hypot.outer(x - center_x, y - center_y) < circle.radius + vehicle.radius
+        limit = circle.radius + layout.reach(circle, vehicle.radius)
+        affected = np.hypot.outer(x - center_x, y - center_y) < limit
         if circle.effect in ("obstacle", "fog"):
-            passable &= ~overlaps
+            passable &= ~affected
         elif circle.effect in PULLS:
-            pull += overlaps[..., None] * vehicle.force * np.array(PULLS[circle.effect])
+            pull += affected[..., None] * vehicle.force * np.array(PULLS[circle.effect])
     passable &= np.linalg.norm(pull, axis=-1) <= math.sqrt(2) * vehicle.thrust
     areas, _ = ndimage.label(passable)  # neighbours to the sides only: no squeezing through diagonally
     nearest = np.clip(np.round(np.stack([start, goal]) / STEP).astype(int), 0, np.array(areas.shape) - 1)
@@ -76,6 +77,11 @@ def border_distance(nodes: Floats, layout: Layout, side: str) -> Floats:
 def circle_distance(nodes: Floats, circle: Circle) -> Floats:
     """Distance `[...]` (u) of positions `[..., 2]` to the rim of a circle; negative inside."""
     return np.linalg.norm(nodes - (circle.x, circle.y), axis=-1) - circle.radius
+
+
+def affected(nodes: Floats, layout: Layout, circle: Circle, radius: float) -> Mask:
+    """Whether a circle of a layout acts on a vehicle of `radius` (u) at the positions `[..., 2]`: `[...]`."""
+    return circle_distance(nodes, circle) < layout.reach(circle, radius)
 
 
 def reachable(nodes: Floats, layout: Layout, radius: float) -> Mask:

@@ -7,13 +7,13 @@ A layout knows nothing of physics; `conf/layout` holds the fixed ones.
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import EFFECTS
-from affmap.settings import Line, Name, Number, Positive, Settings
+from affmap.settings import Line, Name, Neutral, Number, Positive, Settings
 from affmap.view import Map
 
 
@@ -25,6 +25,9 @@ def _known(effect: str) -> str:
 
 EffectName = Annotated[str, AfterValidator(_known)]
 """A key of `affmap.env.effects.EFFECTS`."""
+
+Acts = Literal["center", "rim"]
+"""Whether fog and force fields act on a vehicle whose centre is inside, or on every one that overlaps them."""
 
 
 class Circle(Settings):
@@ -67,6 +70,8 @@ class Arena(Settings):
     """Distance of the corner squares to the borders, u."""
     start_side: Positive
     """Side of the corner squares, u."""
+    acts: Annotated[Acts, Neutral("rim")]
+    """Where fog and force fields act; obstacles are touched."""
 
     @model_validator(mode="after")
     def _check_arena(self) -> Self:
@@ -116,6 +121,10 @@ class Layout(Arena):
         if corner // 2:
             low[1] = self.size[1] - self.start_margin - self.start_side
         return np.stack([low, low + self.start_side])
+
+    def reach(self, circle: Circle, radius: float) -> float:
+        """Distance between its rim and the centre of a vehicle of `radius` below which a circle acts, u."""
+        return radius if circle.effect == "obstacle" or self.acts == "rim" else 0.0
 
     def is_free(self, positions: np.ndarray, radius: float) -> np.ndarray:
         """Where a disc of `radius` (u) around each of `positions` `[..., 2]` meets nothing solid: `[...]`."""

@@ -13,6 +13,9 @@ from affmap.env.body import THROTTLES, Vehicle
 from affmap.env.effects import EFFECTS, PULLS
 from affmap.env.layout import Layout
 
+TOUCH = 10 * float(np.finfo(np.float32).eps)
+"""u; shapes that Box2D finds to be nearer than this overlap. Terrains, which are no part of its world, do as well."""
+
 
 class Physics:
     """One vehicle in one world."""
@@ -26,10 +29,14 @@ class Physics:
         for begin, end in zip(corners, corners[1:] + corners[:1], strict=True):
             # Box2D gives edges a thickness of 0.01; without it the vehicle touches where the border is drawn.
             edge = Box2D.b2EdgeShape(vertices=[begin, end], radius=0.0)
-            self._add(edge, effect="obstacle")
-        for circle in layout.circles:
-            if circle.effect != "none":
-                self._add(Box2D.b2CircleShape(pos=circle.center, radius=circle.radius), circle.effect)
+            self._add(edge)
+        for circle in layout.obstacles:
+            self._add(Box2D.b2CircleShape(pos=circle.center, radius=circle.radius))
+        self._terrains = [
+            (*circle.center, circle.radius + layout.reach(circle, vehicle.radius) + TOUCH, circle.effect)
+            for circle in layout.circles
+            if circle.effect not in ("obstacle", "none")
+        ]
         density = vehicle.mass / (math.pi * vehicle.radius**2)
         shape = Box2D.b2FixtureDef(shape=Box2D.b2CircleShape(radius=vehicle.radius), density=density, friction=0)
         self._body = self._world.CreateDynamicBody(
@@ -37,11 +44,8 @@ class Physics:
         )
         self._feel()
 
-    def _add(self, shape: Box2D.b2Shape, effect: str) -> None:
-        fixture = Box2D.b2FixtureDef(
-            shape=shape, friction=0, restitution=0, isSensor=effect != "obstacle", userData=effect
-        )
-        self._world.CreateStaticBody(fixtures=fixture)
+    def _add(self, shape: Box2D.b2Shape) -> None:
+        self._world.CreateStaticBody(fixtures=Box2D.b2FixtureDef(shape=shape, friction=0, restitution=0))
 
     @property
     def position(self) -> np.ndarray:
@@ -70,13 +74,12 @@ class Physics:
         self._feel()
 
     def _feel(self) -> None:
-        """Count how many things of each effect the vehicle touches or is inside of, at its present place."""
+        """Count how many things of each effect act on the vehicle at its present place."""
         # Box2D finds contacts at the beginning of a step; one that takes no time finds those of now and moves nothing.
         self._world.Step(0.0, self.vehicle.velocity_iterations, self.vehicle.position_iterations)
         effects = self._effects = dict.fromkeys(EFFECTS, 0)
-        for edge in self._body.contacts:
-            contact = edge.contact
-            if contact.touching:
-                # Which of the two fixtures is the vehicle's (it has no effect) is Box2D's choice.
-                effects[contact.fixtureA.userData or contact.fixtureB.userData] += 1
+        effects["obstacle"] = sum(edge.contact.touching for edge in self._body.contacts)
+        x, y = self._body.position
+        for center_x, center_y, limit, effect in self._terrains:
+            effects[effect] += math.hypot(x - center_x, y - center_y) < limit
         self.touching, self.in_fog = effects["obstacle"] > 0, effects["fog"] > 0

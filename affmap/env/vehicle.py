@@ -40,7 +40,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     |---|---|---|
     | position | [2] | true position, u |
     | touching | bool | an obstacle or a border is being touched |
-    | in_fog | bool | the vehicle overlaps fog |
+    | in_fog | bool | the vehicle is in fog: its centre, or any part of it where the layout says `acts: rim` |
     | reached | bool | the distance to the goal is below `goal_radius` |
 
     A run starts in the square of a random corner and has its goal in the opposite one. `reset(options=...)` takes

@@ -13,6 +13,7 @@ from affmap.env.geometry import (
     DIRECTIONS,
     EPSILON,
     Mask,
+    affected,
     beside,
     border_distance,
     circle_distance,
@@ -119,7 +120,7 @@ def separation(maps: Maps, world: Layout, radius: float, kind: str, others: Sequ
     Of several others it is the one that is least apart from the kind, measured by the scatter.
 
     Kinds are `free space` (the view shows nothing), the `border` (beside it) and circles by their effect (beside an
-    obstacle, overlapping any other); a view shows no other thing. Codes also say in which direction a thing is, so a
+    obstacle, where any other acts); a view shows no other thing. Codes also say in which direction a thing is, so a
     kind consists of groups: the four sides of the border, the four sides of circles that a node may be on. A mean over
     all sides would say nothing: if the codes of opposite sides were opposite, it would be the free-space code. To be
     nearer to the mean of one's own kind than to another mean would say little, either: a mean is nearest to its own
@@ -155,13 +156,15 @@ def _groups(nodes: Floats, world: Layout, radius: float, kind: str) -> list[Mask
 def _at(nodes: Floats, world: Layout, radius: float, circle: Circle, side: str) -> Mask:
     """Nodes in the quarter to one side of a circle's centre where the vehicle sees nothing else.
 
-    It overlaps the circle, or is beside it where that is an obstacle.
+    The circle acts on it there, or it is beside it where that is an obstacle.
     """
     axis, sign = DIRECTIONS[side]
     offset = nodes - (circle.x, circle.y)
     quarter = sign * offset[..., axis] >= np.abs(offset[..., 1 - axis])
-    distance = circle_distance(nodes, circle)
-    near = beside(distance, radius) if circle.effect == "obstacle" else distance < radius
+    if circle.effect == "obstacle":
+        near = beside(circle_distance(nodes, circle), radius)
+    else:
+        near = affected(nodes, world, circle, radius)
     return quarter & near & sees_only(nodes, world, (circle,))
 
 

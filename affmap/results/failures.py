@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from affmap.env.effects import EFFECTS
-from affmap.env.geometry import circle_distance, surface_distance
+from affmap.env.geometry import affected, circle_distance, surface_distance
 from affmap.env.layout import Layout
 from affmap.lazy import stats
 from affmap.results.files import Floats
@@ -16,7 +16,7 @@ from affmap.results.setting import CONTEXT_SIZE, Setting
 from affmap.results.tables import Results
 
 REASONS = {
-    "fog": "touched fog",
+    "fog": "was in fog",
     "stuck": "never arrived: stuck",
     "other": "never arrived: other",
 }
@@ -115,9 +115,9 @@ def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
 
 
 def overlapped(positions: Floats, world: Layout, radius: float) -> NDArray[np.integer]:
-    """Number of circles with an effect that a vehicle at `positions` `[..., 2]` (u) overlaps: `[...]`."""
+    """Number of circles that act on a vehicle of `radius` (u) at `positions` `[..., 2]` (u): `[...]`."""
     circles = [circle for circle in world.circles if circle.effect != "none"]
-    inside = [circle_distance(positions, circle) < radius for circle in circles]
+    inside = [affected(positions, world, circle, radius) for circle in circles]
     return np.sum(inside, axis=0) if inside else np.zeros(positions.shape[:-1], int)
 
 
