@@ -36,7 +36,7 @@ def _paper(asked: Sweep, keep: bool) -> None:
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
         claims = claims_about(first.report.claims)
-        results = Results(part.settings, part.growth, first.report.x, first.report.color)
+        results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
         chapters.append(Chapter(first.title, results, first.report, claims, first.output, part.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))

@@ -60,7 +60,7 @@ def report_of(asked: Search | Sweep) -> Report:
     if first.report.compare:
         return ComparisonReport(first.output, part.settings, first.report.compare, **head, notice=notice)
     claims = claims_about(first.report.claims)
-    results = Results(part.settings, part.growth, first.report.x, first.report.color)
+    results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
     return ExperimentReport(first.output, results, first.report, claims, **head, notice=notice)
 
 
@@ -127,8 +127,8 @@ def _check_search(search: Search) -> tuple[Path, str, list[str]]:
 def _check_sweep(sweep: Sweep) -> tuple[Path, str, list[str]]:
     """The folder of a sweep's report, its stages in words, and everything that is wrong with its files."""
     output, jobs = sweep.first.output, status.jobs(sweep, check=True)
-    if growth := sweep.growth():
-        jobs += status.jobs(growth, check=True)
+    for companion in sweep.companions():
+        jobs += status.jobs(companion, check=True)
     stages = {stage.digest: stage for job in jobs for stage in job.parts}
     problems = [
         stage.state.error or f"Stage {stage.name}/{digest} is {stage.state.name}."

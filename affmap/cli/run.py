@@ -80,8 +80,6 @@ def _run_sweep(jobs: Sweep) -> None:
     Raises:
         SweepError: some of it is not complete afterwards.
     """
-    if growth := jobs.growth():
-        _run_sweep(growth)
     first, count = jobs.first, len(jobs.configs)
     check_output(first.output, all_stages(jobs))
     complete = sum(is_complete(config) for config in jobs.configs)
@@ -89,6 +87,7 @@ def _run_sweep(jobs: Sweep) -> None:
     if complete == count:
         for config in jobs.configs:
             find(config)  # which looks at every file
+        _run_companions(jobs)
         return
     for config in jobs.configs:
         check_models(config)
@@ -106,7 +105,14 @@ def _run_sweep(jobs: Sweep) -> None:
         lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
         more = f"All logs are in {first.output / 'jobs'}; the same command goes on where this one stopped."
         raise SweepError("\n".join([*lines, more]))
+    _run_companions(jobs)
     print(f"{first.name}: all {count} settings are complete; affmap-report {shlex.join(sys.argv[1:])} draws them.")
+
+
+def _run_companions(jobs: Sweep) -> None:
+    """Run the sweeps that belong to a sweep: after it, because they share its models."""
+    for companion in jobs.companions():
+        _run_sweep(companion)
 
 
 def _launch(arguments: list[str]) -> list[str]:

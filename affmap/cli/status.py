@@ -39,25 +39,29 @@ def _status(arguments: list[str]) -> None:
     if not arguments and not folders:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
     elif not folders:
-        _show(arguments, console)
-    problems = []
+        _show(arguments, console, set())
+    problems: list[str] = []
+    shown: set[Path] = set()
     for path in folders:
         try:
-            _show(sweep.noted(path), console)
+            _show(sweep.noted(path), console, shown)
         except (ConfigError, HydraException) as error:  # the others can be told
             problems.append(f"{path}: {error}")
     if problems:
         raise ConfigError("\n".join(problems))
 
 
-def _show(line: list[str], console: Console) -> None:
-    """Print the status of a search, or of a sweep and the one that belongs to it."""
+def _show(line: list[str], console: Console, shown: set[Path]) -> None:
+    """Print the status of a search, or of a sweep and those that belong to it, but for those `shown` before."""
     if search := Search.read(line):
         made = f"{search.num_complete} of {search.num_trials} trials complete"
         console.print(f"{search.config.title} ({search.config.output}): {made}", markup=False)
         return
     swept = read_sweep(line)
-    for part in filter(None, (swept.growth(), swept)):
+    for part in (swept, *swept.companions()):
+        if part.first.output in shown:
+            continue
+        shown.add(part.first.output)
         jobs = status.jobs(part)
         console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}", markup=False)
         console.print(table(jobs))

@@ -96,6 +96,8 @@ class Config(Settings):
     """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
     objective: Literal["validation_nll", "mean_distance", "success"] | None
     """What a search is for; None where nothing is searched."""
+    baselines: tuple[Name, ...]
+    """Agents (files of `conf/agent`) that fly the same runs for comparison; they need no model."""
     growth: NamePath | None
     """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
     acts: Acts | None

@@ -26,6 +26,9 @@ MAX_JOBS = 20_000
 NOTE = "jobs/sweep.json"
 """File of an output folder that says what was last run into it."""
 
+BASELINE_KEYS = ("control_layout", "world", "seed", "members")
+"""Keys that baselines are swept over, too: where they fly, and who."""
+
 
 class Sweep(NamedTuple):
     """A command line whose sweep is written out, and the jobs that it stands for."""
@@ -57,13 +60,37 @@ class Sweep(NamedTuple):
         """What all jobs agree on, as far as reports are concerned."""
         return self.configs[0]
 
+    def companions(self) -> "list[Sweep]":
+        """The sweeps that belong to this one: of its growing maps, and of its baselines, where there are any."""
+        return [each for each in (self.growth(), self.baselines()) if each]
+
+    def baselines(self) -> "Sweep | None":
+        """The flights of agents without a model: the same members in the same worlds, else at the first job's values.
+
+        They plan as the first job does, but where that follows gradients, which the true physics does not have.
+        """
+        first = self.first
+        if not first.baselines or first.report.compare:
+            return None
+        fixed = {key: value for key, value in self.swept[0].items() if key not in BASELINE_KEYS}
+        dropped = {*fixed, "agent", "baselines", "growth", "output"}
+        if first.planner.kind == "gradient":
+            dropped |= {"planner", *(key for key in _keys(self.overrides) if key.startswith("planner."))}
+            fixed["planner"] = "cem"
+        kept = [str(each.input_line) for each in parse(self.overrides) if each.key_or_group not in dropped]
+        fixed |= {"growth": "null", "baselines": "[]", "output": str(first.output / "baselines")}
+        fixed.pop("agent", None)
+        lines = [f"{key}={value}" for key, value in fixed.items()]
+        return Sweep.read([*kept, *lines, f"agent={','.join(first.baselines)}"])
+
     def growth(self) -> "Sweep | None":
         """The experiment whose growing maps belong to this one, if there is one."""
         first = self.first
         if not first.growth:
             return None
         # A folder given for the output is for this experiment's report.
-        growth = Sweep.read(instead(self.overrides, first.growth, {*first.sweep, "output", "growth"}))
+        dropped = {*first.sweep, "output", "growth", "baselines"}
+        growth = Sweep.read(instead(self.overrides, first.growth, dropped))
         if growth.first.growth:
             raise ConfigError(
                 f"growth = {first.growth!r} names an experiment that has a growth of its own; it must not."
@@ -118,6 +145,11 @@ def instead(overrides: Sequence[str], experiment: str, dropped: Collection[str])
     """The same command line for another experiment, without the keys in `dropped`."""
     kept = [each for each in parse(overrides) if each.key_or_group not in {"experiment", *dropped}]
     return [*(str(override.input_line) for override in kept), f"experiment={experiment}"]
+
+
+def _keys(overrides: Sequence[str]) -> list[str]:
+    """The keys and groups of a command line."""
+    return [override.key_or_group for override in parse(overrides)]
 
 
 def is_sweep(overrides: Sequence[str]) -> bool:

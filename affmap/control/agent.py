@@ -1,11 +1,11 @@
-"""Model-predictive control: observe, plan, execute the first action, and do it again (Section 3.4).
+"""The paper's agent: it plans with what a stack of models imagines.
 
 One agent object steers B vehicles at once, the same number for each member of a stack (member-major). It knows a
 stack, a look-up and a planner; it knows no environment.
 """
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -14,6 +14,8 @@ from affmap import compiled
 from affmap.control.controller import Controller
 from affmap.control.controller import Decision as Decision
 from affmap.control.controller import Observation as Observation
+from affmap.control.mpc import AgentState as AgentState
+from affmap.control.mpc import PlanningAgent
 from affmap.control.settings import ControlSettings as ControlSettings
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
@@ -23,8 +25,7 @@ from affmap.model.lookup import Lookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
-from affmap.planning.objective import expected_free_energy, goal_std
-from affmap.planning.planner import Generators, Objective, Planner
+from affmap.planning.planner import Objective, Planner
 from affmap.settings import ConfigError
 from affmap.view import Map
 
@@ -32,20 +33,7 @@ if TYPE_CHECKING:  # needs numba
     from affmap.control.imagination import CompiledImagination
 
 
-class AgentState(NamedTuple):
-    """What B agents remember from step to step."""
-
-    planner: Any
-    """State of their planner."""
-    carry: Carry
-    """Hidden state of their transition models, tensors `[M, B / M, hidden]`."""
-
-
-Watch = Callable[[Tensor, Tensor], None]
-"""Called with the candidates `[B, N, H, 4]` of each iteration of a planner, and their costs `[B, N]`."""
-
-
-class Agent:
+class Agent(PlanningAgent):
     """B agents side by side.
 
     Attributes:
@@ -65,8 +53,8 @@ class Agent:
         channels: Sequence[str] | None = None,
     ) -> None:
         """Put an agent together; `lookup` must belong to `stack`, whose weights cease to require gradients."""
-        self.stack = stack.requires_grad_(False)
-        self.lookup, self.planner, self.settings, self.channels = lookup, planner, settings, channels
+        super().__init__(planner, settings)
+        self.stack, self.lookup, self.channels = stack.requires_grad_(False), lookup, channels
         self._direct, self._cached = DirectEncoder(self.stack), CachedEncoder(self.stack)
         self._compiled = self._compile()
 
@@ -80,58 +68,19 @@ class Agent:
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels)
 
-    def initial(self, num_problems: int) -> AgentState:
-        """The state before the first step, for B problems."""
-        carry = self.stack.transition.initial(num_problems // len(self.seeds))
-        return AgentState(self.planner.initial(num_problems, self.settings.device), carry)
-
-    def act(
-        self, observation: Observation, state: AgentState, generators: Generators, watch: Watch | None = None
-    ) -> tuple[Decision, AgentState]:
-        """Plan for all, from where the last plans ended.
-
-        Args:
-            observation: what B vehicles sense now.
-            state: what `initial` or the last `act` returned.
-            generators: a generator for each of the B.
-            watch: gets to see what the planner tries.
-
-        Returns:
-            The decisions, and the state for the next step.
-        """
-        objective = self.objective(observation, state.carry)
-
-        def watched(actions: Tensor) -> Tensor:
-            costs = objective(actions)
-            if watch:
-                watch(actions.clone(), costs)  # planners may write their candidates again
-            return costs
-
-        plan, planner_state = self.planner.plan(watched, state.planner, generators)
-        with torch.no_grad():
-            path = self.imagine(observation, plan.actions[:, None], state.carry)
-            action = plan.actions[:, 0]
-            carry, delta = self._predict(observation, action, state.carry)
-        return Decision(action, Gaussian(*(part[:, 0] for part in path)), delta), AgentState(planner_state, carry)
+    def initial_carry(self, num_problems: int) -> Carry:
+        """The hidden state of the transition models where flights of B problems begin."""
+        return self.stack.transition.initial(num_problems // len(self.seeds))
 
     def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:
-        """What plans are to minimise: the expected free energy of the paths that are imagined from an observation.
-
-        `carry` is that of the agents' state; without one, the flight begins here.
-        """
-        goal, std = observation.goal, self._goal_std(observation)
-        if self._compiled:
-            return self._compiled.objective(self._situation(observation, carry), goal, std, self.settings.beta)
-        goal, std = goal[:, None], std[:, None]  # one for all candidates
-
-        def objective(actions: Tensor) -> Tensor:
-            path = self.imagine(observation, actions, carry)
-            return expected_free_energy(path, goal, std, self.settings.beta).total
-
-        return objective
+        """See `PlanningAgent.objective`."""
+        if self._compiled is None:
+            return super().objective(observation, carry)
+        situation, std = self._situation(observation, carry), self.goal_std(observation)
+        return self._compiled.objective(situation, observation.goal, std, self.settings.beta)
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
-        """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u; `carry` as in `objective`."""
+        """See `PlanningAgent.imagine`."""
         situation = self._situation(observation, carry)
         if self._compiled and not (torch.is_grad_enabled() and actions.requires_grad):
             return self._compiled.positions(situation, actions)
@@ -148,21 +97,11 @@ class Agent:
     def _situation(self, observation: Observation, carry: Carry | None) -> Situation:
         """Where imagined paths start; without a carry, where a flight begins."""
         if carry is None:
-            carry = self.stack.transition.initial(len(observation.position) // len(self.seeds))
+            carry = self.initial_carry(len(observation.position))
         return Situation(observation.position, observation.delta, carry)
 
-    def _goal_std(self, observation: Observation) -> Tensor:
-        settings = self.settings
-        return goal_std(
-            observation.position,
-            observation.goal,
-            settings.goal_std_far,
-            settings.goal_std_near,
-            settings.near_distance,
-        )
-
-    def _predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
-        """The next carry and change of position, from the view that the vehicle really has, as in training."""
+    def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
+        """See `PlanningAgent.predict`; from the view that the vehicle really has, as in training."""
         num_members = len(self.stack.seeds)
         view, delta, action = (
             part.unflatten(0, (num_members, -1)) for part in (observation.view, observation.delta, action)
@@ -191,18 +130,6 @@ def check_channels(agent: Agent, layout: Layout) -> None:
 def seeds_of(controller: Controller) -> tuple[int, ...]:
     """The seeds of an agent's members; 0 alone for a controller that is no `Agent`."""
     return controller.seeds if isinstance(controller, Agent) else (0,)
-
-
-def bring(controller: Controller, layout: Layout) -> Controller:
-    """The controller in a world: an `Agent` with a look-up of that world, any other as it is.
-
-    Raises:
-        ConfigError: the agent was trained with other channels.
-    """
-    if not isinstance(controller, Agent):
-        return controller
-    check_channels(controller, layout)
-    return controller.elsewhere([layout.map])
 
 
 def prediction_error(decision: Decision, delta: Tensor) -> Tensor:

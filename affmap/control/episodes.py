@@ -10,8 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from affmap.control.agent import Agent, ControlSettings, bring, prediction_error, seeds_of
+from affmap.control.agent import Agent, ControlSettings, check_channels, prediction_error, seeds_of
 from affmap.control.controller import Controller, Decision, Observation
+from affmap.control.mpc import PlanningAgent
+from affmap.control.oracle import Oracle
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, world
@@ -94,9 +96,25 @@ def fly(controller: Controller, layout: Layout | Procedural | str) -> Runs:
         ConfigError: there is no such file, or the agent was trained with other channels.
     """
     seeds = seeds_of(controller)
-    settings = controller.settings if isinstance(controller, Agent) else ControlSettings.load("control", "default")
+    settings = (
+        controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
+    )
     flown = world(layout, seeds[0])
     return control(bring(controller, flown), [flown], Vehicle.load("vehicle", "default"), settings, seeds)
+
+
+def bring(controller: Controller, layout: Layout) -> Controller:
+    """The controller in a world: one that looks up or knows its world in this one, any other as it is.
+
+    Raises:
+        ConfigError: an `Agent` was trained with other channels.
+    """
+    if isinstance(controller, Oracle):
+        return controller.elsewhere([layout])
+    if isinstance(controller, Agent):
+        check_channels(controller, layout)
+        return controller.elsewhere([layout.map])
+    return controller
 
 
 def _note(

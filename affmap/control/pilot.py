@@ -10,8 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from affmap.control.agent import Agent, bring, seeds_of
+from affmap.control.agent import seeds_of
 from affmap.control.controller import Controller, Decision, Observation
+from affmap.control.episodes import bring
+from affmap.control.mpc import PlanningAgent
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, world
 from affmap.random import generator
@@ -44,7 +46,7 @@ class Pilot:
         if len(seeds) != 1:
             raise ValueError(f"a pilot is one member, and this agent has {list(seeds)}; load a single one.")
         self.agent, self._seed = bring(agent, world(layout, seeds[0])), seed
-        self._device = agent.settings.device if isinstance(agent, Agent) else "cpu"
+        self._device = agent.settings.device if isinstance(agent, PlanningAgent) else "cpu"
         self.reset()
 
     def reset(self) -> None:
@@ -56,7 +58,7 @@ class Pilot:
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """The action `[4]` for what the environment has returned."""
         seen, state = Observation.of([observation], self._device), self._state
-        if isinstance(self.agent, Agent):
+        if isinstance(self.agent, PlanningAgent):
             decision, self._state = self.agent.act(seen, state, self._generators, self._watch)
         else:
             decision, self._state = self.agent.act(seen, state, self._generators)
@@ -85,7 +87,7 @@ class Pilot:
         seen, state, decision = self._last
         path, std = decision.path.mean[0], decision.path.log_std[0].exp()
         candidates, costs = path[None][:0], path.new_empty(0)
-        if isinstance(self.agent, Agent):
+        if isinstance(self.agent, PlanningAgent):
             actions, (costs,) = self._tried
             with torch.no_grad():
                 candidates = self.agent.imagine(seen, actions, state.carry).mean[0]

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Protocol
 from pydantic import PlainValidator
 
 from affmap.control.controller import Controller
-from affmap.settings import Settings
+from affmap.settings import Positive, Settings
 from affmap.settings.registry import Registry
 
 _registry = Registry("affmap.control")
@@ -27,7 +27,17 @@ class AgentSettings(Settings):
     kind: Literal["planner"]
 
 
-AnyAgent = Annotated[AgentSettings | ConfiguredController, PlainValidator(_registry.choose)]
+@register
+class OracleSettings(Settings):
+    """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
+
+    kind: Literal["oracle", "true_mean", "true_deviation"]
+    """What of its imagination is true: all of it, or one half, the other half being the model's."""
+    std: Positive
+    """Standard deviation of a true step outside fog, u."""
+
+
+AnyAgent = Annotated[AgentSettings | OracleSettings | ConfiguredController, PlainValidator(_registry.choose)]
 """A file of `conf/agent`; its `kind` tells which."""
 
 PLANNER = AgentSettings(kind="planner")

@@ -25,7 +25,9 @@ class Situation(NamedTuple):
     """Hidden state of the transition model, tensors `[M, B / M, hidden]`; empty for the MLP."""
 
 
-def rollout(transition: TransitionModel, lookup: Lookup, situation: Situation, actions: Tensor) -> Gaussian:
+def rollout(
+    transition: TransitionModel, lookup: Lookup, situation: Situation, actions: Tensor, path: Tensor | None = None
+) -> Gaussian:
     """Imagine the execution of action sequences.
 
     Args:
@@ -33,6 +35,8 @@ def rollout(transition: TransitionModel, lookup: Lookup, situation: Situation, a
         lookup: context codes of the same M members.
         situation: where each of B problems starts.
         actions: `[B, N, H, 4]`, candidates of each problem.
+        path: positions `[B, N, H, 2]` (u) that take the place of the predicted ones, if any; deviations are predicted
+            along them.
 
     Returns:
         Predicted positions after each action, a Gaussian of `[B, N, H, 2]` in u.
@@ -51,8 +55,10 @@ def rollout(transition: TransitionModel, lookup: Lookup, situation: Situation, a
     carry = tuple(of_paths(part) for part in situation.carry)
     throttles = actions.reshape(num_members, num_paths, horizon, 4).permute(2, 0, 3, 1).contiguous().mT  # [H, M, P, 4]
     means, log_stds = [], []
-    for action in throttles:
+    for t, action in enumerate(throttles):
         carry, (delta, log_std) = step(carry, lookup(position), delta, action)
+        if path is not None:
+            delta = path[:, :, t].reshape(num_members, num_paths, 2) - position
         position = position + delta
         means.append(position.mT)
         log_stds.append(log_std.mT)

@@ -18,6 +18,8 @@ class Completed(NamedTuple):
 
     settings: tuple[Setting, ...]
     growth: Setting | None
+    baselines: tuple[Setting, ...]
+    """Of agents without a model."""
     missing: str
     """A sentence about what is not complete; empty if all is."""
 
@@ -29,18 +31,24 @@ def completed(sweep: Sweep) -> Completed:
         ConfigError: some settings are not complete, and no partial report is wanted; or none is complete.
         StoreError: a file is damaged.
     """
-    growth = sweep.growth()
-    settings = [find(config, values) for config, values in zip(sweep.configs, _values(sweep), strict=True)]
+    growth, baselines = sweep.growth(), sweep.baselines()
+    settings, flown = _settings(sweep), _settings(baselines) if baselines else []
     grown = find(growth.first) if growth else None
-    missing = [label for label, setting in zip(sweep.labels, settings, strict=True) if setting is None]
+    labels = [*sweep.labels, *(baselines.labels if baselines else [])]
+    missing = [label for label, setting in zip(labels, [*settings, *flown], strict=True) if setting is None]
     if growth and grown is None:
         missing.append(growth.first.name)
-    count = len(settings) + (growth is not None)
+    count = len(settings) + (growth is not None) + len(flown)
     sentence = f"{len(missing)} of {count} settings are not complete ({'; '.join(missing)})" if missing else ""
     complete = [setting for setting in settings if setting]
     if missing and not (sweep.first.report.partial and complete):
         raise ConfigError(f"{sentence}; run `affmap {shlex.join(sweep.overrides)}` first.")
-    return Completed(_distinct(join(complete)), grown, sentence)
+    return Completed(_distinct(join(complete)), grown, join([each for each in flown if each]), sentence)
+
+
+def _settings(sweep: Sweep) -> list[Setting | None]:
+    """The setting of each job, None where it is not complete."""
+    return [find(config, values) for config, values in zip(sweep.configs, _values(sweep), strict=True)]
 
 
 def _values(sweep: Sweep) -> list[dict[str, Value]]:

@@ -11,7 +11,8 @@ from affmap.config.root import Config, label
 from affmap.control.agent import Agent
 from affmap.control.controller import Controller
 from affmap.control.episodes import control
-from affmap.control.registry import AgentSettings
+from affmap.control.oracle import HalfOracle, Oracle
+from affmap.control.registry import AgentSettings, OracleSettings
 from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
 from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
@@ -29,7 +30,7 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     stack = trained(config, train).to(config.control.device)
     layouts = _layouts(config)
     lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
-    controller = _controller(config, stack, lookup)
+    controller = _controller(config, stack, lookup, layouts)
     num_runs = config.members * config.control.runs_per_member
     with track(
         f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps", attempt.progress
@@ -51,11 +52,17 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     write_layouts(attempt.folder, flown)
 
 
-def _controller(config: Config, stack: Stack, lookup: Lookup) -> Controller:
-    """What steers: an agent made of stack, look-up and planner, or one that needs none of them."""
-    if isinstance(config.agent, AgentSettings):
-        return Agent(stack, lookup, config.planner, config.control)
-    return config.agent
+def _controller(config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout]) -> Controller:
+    """What steers: an agent made of stack, look-up and planner, one that knows the world, or one that needs nothing."""
+    agent = config.agent
+    if not isinstance(agent, AgentSettings | OracleSettings):
+        return agent
+    if agent.kind == "oracle":
+        return Oracle(layouts, config.vehicle, config.planner, config.control, agent.std)
+    learned = Agent(stack, lookup, config.planner, config.control)
+    if agent.kind == "planner":
+        return learned
+    return HalfOracle(learned, layouts, config.vehicle, agent.kind == "true_mean", agent.std)
 
 
 def _layouts(config: Config) -> list[Layout]:

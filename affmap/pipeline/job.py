@@ -24,8 +24,7 @@ def stages(config: Config) -> tuple[Stage, ...]:
 
 def all_stages(sweep: Sweep) -> list[Stage]:
     """All stages of a sweep, once each."""
-    growth = sweep.growth()
-    every = [stage for each in (sweep, growth) if each for config in each.configs for stage in stages(config)]
+    every = [stage for each in (sweep, *sweep.companions()) for config in each.configs for stage in stages(config)]
     return list({stage.digest: stage for stage in every}.values())
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from affmap.report import blocks, build, sentences
 from affmap.report.blocks import Block
-from affmap.report.drawing.colors import name_of
+from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance, scores
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
@@ -33,6 +33,13 @@ LOOK_CLOSER = "Runs step by step, maps point by point"
 MORE_FIGURES = (
     "The figures show affordance maps of more members and context sizes where there are any, the worlds, where "
     "exploration has been, and how runs ended."
+)
+
+BASELINES = (
+    "These agents fly the same runs, from the same starts to the same goals. The oracle plans as the others do, but "
+    "with the true physics in place of the model: where it fails, a better model would not help. “Straight” pushes "
+    "towards the goal whatever is in between, “random” opens its throttles at random: what they reach takes no "
+    "planning."
 )
 
 RANGES = (
@@ -85,6 +92,25 @@ def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[
             "Medians, means and the paper's axes" if settings.outcome == "success" else "Medians and the paper's axes"
         )
     return [blocks.heading(title, level), blocks.table(header, _median_rows(results, settings))]
+
+
+def baselines(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
+    """What agents without a model reach in the same runs; nothing where there are none."""
+    runs = results.baseline_runs
+    if runs.empty:
+        return []
+    metrics = list(dict.fromkeys(["prediction_error", settings.outcome, "reached", "steps_touching"]))
+    heads = [f"{scores.statistic(metric)} {METRICS[metric].name} ({METRICS[metric].unit})" for metric in metrics]
+    rows = [
+        [str(agent), readable(str(layout), settings), str(len(group))]
+        + [number(scores.center(group[metric], metric)) for metric in metrics]
+        for (agent, layout), group in runs.groupby([PLANNER.column, LAYOUT.column], sort=False)
+    ]
+    return [
+        blocks.heading("Agents without a model", level),
+        blocks.paragraph(BASELINES),
+        blocks.table(["Agent", "Layout", "Runs", *heads], rows),
+    ]
 
 
 def _own_factor(results: Results) -> Factor | None:

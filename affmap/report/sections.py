@@ -36,6 +36,8 @@ def deviations(reports: Sequence[Results]) -> blocks.Block:
 def _write_tables(folder: Path, name: str, results: Results, scores: Sequence[Score], settings: ReportSettings) -> None:
     write_runs(folder, name, results.runs)
     write_csv(folder / "validation.csv", results.validation)
+    if results.baselines:
+        write_csv(folder / "baselines.csv", results.baseline_runs)
     write_csv(folder / "medians.csv", medians(results, settings))
     if scores:
         write_csv(folder / "claims.csv", as_table(scores))
@@ -60,6 +62,7 @@ def _blocks(
         *filter(None, [explorer(results, settings)]),
         *content.tests(scores, results),
         *content.medians(results, settings),
+        *content.baselines(results, settings),
         *([blocks.paragraph(content.RANGES)] if settings.axes else []),
         blocks.heading("Maps, worlds and outcomes"),
         blocks.paragraph(content.MORE_FIGURES),

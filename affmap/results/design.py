@@ -29,6 +29,8 @@ class Design:
     """The key on the x axis; None for the context size or, where that is not varied, the first number that is."""
     color_key: str | None = None
     """The key that colours tell apart; None for whatever else is varied."""
+    baselines: tuple[Setting, ...] = ()
+    """Flights of agents without a model in the same worlds, where the experiment has them."""
 
     def __post_init__(self) -> None:
         if not self.settings:

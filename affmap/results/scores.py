@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import pandas as pd
 
@@ -91,10 +92,19 @@ def centers(results: Results, settings: ReportSettings) -> pd.DataFrame:
     return table
 
 
+def statistic(metric: str) -> str:
+    """The name of the center of a metric: the mean of what is true or false, else the median."""
+    return "mean" if METRICS[metric].unit == "share" else "median"
+
+
+def center(values: "pd.Series[Any]", metric: str) -> float:
+    """The center of some values of a metric; NaN where one is missing."""
+    return float(values.astype(float).agg(statistic(metric), skipna=False))
+
+
 def _centers(table: pd.DataFrame, metric: str, keys: Sequence[str]) -> pd.DataFrame:
     """One row per planner, layout, other factor and context size."""
-    statistic = "mean" if metric == "success" else "median"
     scores = table[metric].astype(float).groupby([table[key] for key in keys])
-    table = scores.agg(number="size", center=lambda values: values.agg(statistic, skipna=False)).reset_index()
+    table = scores.agg(number="size", center=lambda values: center(values, metric)).reset_index()
     columns = ["metric", *keys, "number", "statistic", "center", "unit"]
-    return table.assign(metric=metric, statistic=statistic, unit=METRICS[metric].unit)[columns]
+    return table.assign(metric=metric, statistic=statistic(metric), unit=METRICS[metric].unit)[columns]

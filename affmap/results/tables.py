@@ -18,7 +18,9 @@ from affmap.results.design import Design
 from affmap.results.files import VALIDATION_COLUMNS, WORLD_COLUMNS, Exploration, Maps, Trajectories
 from affmap.results.metrics import PLACES, extra_metrics, run_metrics, stored_metrics, summarise
 from affmap.results.setting import (
+    CONTEXT_SIZE,
     FACTORS,
+    SPACING,
     STAGES,
     Factor,
     Setting,
@@ -44,6 +46,14 @@ class Results(Design):
         return table.sort_values(
             order, key=lambda column: column.map(places) if column.name in names else column, ignore_index=True
         )
+
+    @cached_property
+    def baseline_runs(self) -> pd.DataFrame:
+        """One row per run of the agents without a model, as `runs`; the column `planner` says which agent flew."""
+        if not self.baselines:
+            return self.runs.iloc[:0]
+        table = pd.concat([read_runs(setting) for setting in self.baselines], ignore_index=True)
+        return table.drop(columns=[CONTEXT_SIZE.column, SPACING.column])
 
     @property
     def _own_columns(self) -> list[str]:
@@ -147,7 +157,7 @@ class Results(Design):
     @cached_property
     def provenance(self) -> dict[Path, dict[str, Any]]:
         """Stage folder -> what it says about its origin; in the order of the stages."""
-        return read_provenance([*self.settings, *([self.growth] if self.growth else [])])
+        return read_provenance([*self.settings, *([self.growth] if self.growth else []), *self.baselines])
 
 
 def join(settings: Sequence[Setting]) -> tuple[Setting, ...]:

@@ -47,9 +47,9 @@ class Registry:
         kind = values.get("kind") if isinstance(values, Mapping) else getattr(values, "kind", None)
         modules = [module.name for module in iter_modules(import_module(self._package).__path__)]
         # The module with the name of the kind is enough where that is known then; some of the others import torch.
-        self._load(name for name in modules if name == kind)
-        if not any(kind in [*_kinds(each)] for each in self._registered):
-            self._load(modules)
+        for names in ([kind] if kind in modules else [], modules):
+            if not any(kind in _kinds(each) for each in self._registered):
+                self._load(names)
         return _adapter(*sorted(self._registered, key=lambda each: sorted(_kinds(each)))).validate_python(values)
 
     def _load(self, modules: Iterable[str]) -> None:

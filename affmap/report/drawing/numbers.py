@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import seaborn as sns
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
@@ -20,12 +22,19 @@ from affmap.report.drawing.colors import Groups, x_colors
 from affmap.results import failures, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
-from affmap.results.setting import CONTEXT_SIZE, Factor, Value
+from affmap.results.scores import center
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, Value
 
 HUGE, LINEAR = 300, 20
 """nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
 
 REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6677"}
+
+LINE_STYLES = ((0, (5, 1.5)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (7, 3)))
+"""Of the lines of agents without a model, in their order."""
+
+FAR = 0.15
+"""A line this much above a panel, in its heights, is not drawn."""
 
 LEGEND_WIDTH, TITLE_HEIGHT = 48, 0.2
 """Characters in a line of a legend above a panel, and inches that the panel's title takes."""
@@ -179,6 +188,47 @@ def bars(
     ax.set_ylim(0.0, max(1.05, ax.get_ylim()[1]))
     ax.set_yticks(np.linspace(0, 1, 6))  # a standard deviation may reach beyond, a share cannot
     return _legend_above(ax)
+
+
+def baselines(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups) -> list[Artist]:
+    """Lines for agents without a model: the middle of their runs, as the boxes or bars beside them have it.
+
+    A line far above the others would make these small; its number is written at the top instead.
+
+    Args:
+        ax: a panel with boxes or bars of the same metric.
+        runs: one row per run (`Results.baseline_runs`).
+        metric: a column of `runs`.
+        groups: what colours tell apart; where these are layouts, so do the lines.
+
+    Returns:
+        A line for each agent, with its name, for a legend.
+    """
+    handles: dict[str, Artist] = {}
+    by_layout = groups.column == LAYOUT.column
+    styles = dict(zip(runs[PLANNER.column].unique(), LINE_STYLES, strict=False))
+    bottom, top = ax.get_ylim()
+    height, lowest, highest = top - bottom, bottom, top
+    beyond: dict[str, list[float]] = {}
+    for (name, layout), of_agent in runs.groupby([PLANNER.column, LAYOUT.column], sort=False):
+        agent = str(name)
+        middle = center(of_agent[metric], metric)
+        if np.isnan(middle):
+            continue
+        if middle > top + FAR * height:
+            beyond.setdefault(agent, []).append(middle)
+            continue
+        color = groups.palette[groups.names[layout]] if by_layout and layout in groups.names else "0.25"
+        ax.axhline(middle, color=color, lw=1.1, ls=styles.get(agent, "-"), zorder=3)
+        lowest = lowest if bottom == 0 else min(lowest, middle - 0.04 * height)
+        highest = max(highest, middle + 0.04 * height)
+        handles.setdefault(agent, Line2D([], [], color="0.25", lw=1.1, ls=styles.get(agent, "-"), label=agent))
+    ax.set_ylim(lowest, highest)
+    if beyond:
+        words = ", ".join(f"{agent} {number(max(values), 1)}" for agent, values in beyond.items())
+        style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "transform": ax.transAxes}
+        ax.text(0.98, 0.99, f"beyond this axis: {words}", bbox={"fc": "white", "ec": "none", "pad": 1.0}, **style)
+    return list(handles.values())
 
 
 def reasons(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:

@@ -1,13 +1,16 @@
 """Figures of numbers: the main results, outcomes, and failures."""
 
+from collections.abc import Mapping
+
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
 
 from affmap.report.drawing import arena
 from affmap.report.drawing import numbers as panels
-from affmap.report.drawing.colors import make_groups, name_of, readable, x_names_of
+from affmap.report.drawing.colors import Groups, make_groups, name_of, readable, x_names_of
 from affmap.report.figures import pictures
 from affmap.report.figures.files import new_figure
 from affmap.results import failures as failing
@@ -40,7 +43,20 @@ def main_results(results: Results, settings: ReportSettings) -> Figure:
     draw = panels.boxes if settings.outcome == "mean_distance" else panels.bars
     draw(outcome, results.runs, settings.outcome, groups, settings.axes.get(settings.outcome))
     outcome.set_title("D", loc="left")
+    _baselines(figure, {"prediction_error": error, settings.outcome: outcome}, results, groups)
     return figure
+
+
+def _baselines(figure: Figure, panels_of: Mapping[str, Axes], results: Results, groups: Groups) -> None:
+    """Draw lines of the agents without a model into panels, metric -> panel, and their legend below the figure."""
+    entries: dict[str, Artist] = {}
+    for metric, ax in panels_of.items():
+        for handle in panels.baselines(ax, results.baseline_runs, metric, groups):
+            entries.setdefault(str(handle.get_label()), handle)
+    if entries:
+        heading = Line2D([], [], ls="", label="agents without a model:")
+        handles = [heading, *entries.values()]
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
 
 
 def _map(ax: Axes, results: Results) -> None:
@@ -106,6 +122,8 @@ def outcomes(results: Results, settings: ReportSettings) -> Figure:
         panels.boxes(ax, results.runs, metric, groups).set_title(letter, loc="left")
     for ax in others[len(more) :]:
         ax.set_axis_off()
+    shown = {"reached": share, "steps_touching": touching, **dict(zip(more, others, strict=False))}
+    _baselines(figure, shown, results, groups)
     return figure
 
 

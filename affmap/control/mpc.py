@@ -1,0 +1,114 @@
+"""Model-predictive control: observe, plan, execute the first action, and do it again (Section 3.4).
+
+What every agent does that plans, whatever imagines the outcomes of its plans: a learned model (`agent`), or the true
+physics (`oracle`). One object steers B vehicles at once; it knows a planner, and no environment.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from affmap.control.controller import Decision, Observation
+from affmap.control.settings import ControlSettings
+from affmap.gaussian import Gaussian
+from affmap.model.transition import Carry
+from affmap.planning.objective import expected_free_energy, goal_std
+from affmap.planning.planner import Generators, Objective, Planner
+
+
+class AgentState(NamedTuple):
+    """What B agents remember from step to step."""
+
+    planner: Any
+    """State of their planner."""
+    carry: Carry
+    """Hidden state of their transition models, tensors `[M, B / M, hidden]`."""
+
+
+Watch = Callable[[Tensor, Tensor], None]
+"""Called with the candidates `[B, N, H, 4]` of each iteration of a planner, and their costs `[B, N]`."""
+
+
+class PlanningAgent(ABC):
+    """B agents side by side.
+
+    Attributes:
+        planner: how plans are made.
+        settings: what plans are for.
+    """
+
+    def __init__(self, planner: Planner, settings: ControlSettings) -> None:
+        """Take a planner and the numbers of control."""
+        self.planner, self.settings = planner, settings
+
+    @abstractmethod
+    def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
+        """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u; `carry` as in `objective`."""
+
+    @abstractmethod
+    def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
+        """The next carry, and the change of position in the next step if `action` `[B, 4]` is executed."""
+
+    def initial_carry(self, num_problems: int) -> Carry:
+        """The hidden state where flights of B problems begin; empty where nothing is hidden."""
+        return ()
+
+    def initial(self, num_problems: int) -> AgentState:
+        """The state before the first step, for B problems."""
+        return AgentState(self.planner.initial(num_problems, self.settings.device), self.initial_carry(num_problems))
+
+    def act(
+        self, observation: Observation, state: AgentState, generators: Generators, watch: Watch | None = None
+    ) -> tuple[Decision, AgentState]:
+        """Plan for all, from where the last plans ended.
+
+        Args:
+            observation: what B vehicles sense now.
+            state: what `initial` or the last `act` returned.
+            generators: a generator for each of the B.
+            watch: gets to see what the planner tries.
+
+        Returns:
+            The decisions, and the state for the next step.
+        """
+        objective = self.objective(observation, state.carry)
+
+        def watched(actions: Tensor) -> Tensor:
+            costs = objective(actions)
+            if watch:
+                watch(actions.clone(), costs)  # planners may write their candidates again
+            return costs
+
+        plan, planner_state = self.planner.plan(watched, state.planner, generators)
+        with torch.no_grad():
+            path = self.imagine(observation, plan.actions[:, None], state.carry)
+            action = plan.actions[:, 0]
+            carry, delta = self.predict(observation, action, state.carry)
+        return Decision(action, Gaussian(*(part[:, 0] for part in path)), delta), AgentState(planner_state, carry)
+
+    def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:
+        """What plans are to minimise: the expected free energy of the paths that are imagined from an observation.
+
+        `carry` is that of the agents' state; without one, the flight begins here.
+        """
+        goal, std = observation.goal[:, None], self.goal_std(observation)[:, None]  # one for all candidates
+
+        def objective(actions: Tensor) -> Tensor:
+            path = self.imagine(observation, actions, carry)
+            return expected_free_energy(path, goal, std, self.settings.beta).total
+
+        return objective
+
+    def goal_std(self, observation: Observation) -> Tensor:
+        """Standard deviation of the desired position, `[B]` (u)."""
+        settings = self.settings
+        return goal_std(
+            observation.position,
+            observation.goal,
+            settings.goal_std_far,
+            settings.goal_std_near,
+            settings.near_distance,
+        )

@@ -1,0 +1,163 @@
+"""Agents that know the true physics: what a perfect model would be worth, and each half of one.
+
+A model-predictive agent predicts a mean and a standard deviation of every step. An oracle takes both from the world, a
+half oracle takes one of them, and the other from a trained agent. Planner, sensors and starts are the same, so the
+differences are what that part of the model costs. (The paper has no such agents.)
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from affmap import compiled
+from affmap.control.agent import Agent, check_channels
+from affmap.control.controller import Observation
+from affmap.control.mpc import PlanningAgent
+from affmap.control.settings import ControlSettings
+from affmap.env.body import Vehicle
+from affmap.env.layout import Layout
+from affmap.gaussian import Gaussian
+from affmap.model.rollout import Situation, rollout
+from affmap.model.transition import Carry
+from affmap.planning.planner import Planner
+from affmap.settings import ConfigError
+
+STEP_STD = 0.0005
+"""u; that of `conf/agent/oracle.yaml`."""
+
+
+class Oracle(PlanningAgent):
+    """B agents that plan with the true physics.
+
+    A step is known up to `step_std`; only the change of the position that is reported from inside fog has the noise of
+    both its ends. Variances add up along a path, as those of a model do.
+    """
+
+    def __init__(
+        self,
+        layouts: Sequence[Layout],
+        vehicle: Vehicle,
+        planner: Planner,
+        settings: ControlSettings,
+        step_std: float = STEP_STD,
+    ) -> None:
+        """Know the world that all agents fly in, or the worlds of B (member-major).
+
+        Args:
+            layouts: one of them, or B.
+            vehicle: its physical constants.
+            planner: one that needs no gradients: physics has none.
+            settings: what plans are for.
+            step_std: standard deviation of a true step outside fog, u.
+
+        Raises:
+            ConfigError: numba is not installed, or compiled loops are switched off.
+        """
+        super().__init__(planner, settings)
+        if not compiled.enabled():
+            raise ConfigError("an oracle needs compiled loops; install numba, and do not say compiled=false.")
+        from affmap.env.twin import Twin  # needs numba
+
+        self.vehicle, self.step_std = vehicle, step_std
+        self._twin = Twin(layouts, vehicle)
+
+    def elsewhere(self, layouts: Sequence[Layout]) -> "Oracle":
+        """The same agent in another world, or in B others (member-major)."""
+        return Oracle(layouts, self.vehicle, self.planner, self.settings, self.step_std)
+
+    def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
+        """See `PlanningAgent.imagine`.
+
+        Raises:
+            ConfigError: a gradient is wanted.
+        """
+        if torch.is_grad_enabled() and actions.requires_grad:
+            raise ConfigError("the true physics has no gradients; take a planner that needs none, such as planner=cem.")
+        return self._imagine(observation, actions, carry)
+
+    def _imagine(self, observation: Observation, actions: Tensor, carry: Carry | None) -> Gaussian:
+        mean = self.true_path(observation, actions)
+        return Gaussian(mean, self.true_log_std(observation, mean))
+
+    def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
+        """See `PlanningAgent.predict`."""
+        path = self.imagine(observation, action[:, None, None])
+        return carry, Gaussian(path.mean[:, 0, 0] - observation.position, path.log_std[:, 0, 0])
+
+    def true_path(self, observation: Observation, actions: Tensor) -> Tensor:
+        """Positions along candidates `[B, N, H, 4]` if the vehicle is where it is reported: `[B, N, H, 2]`, u."""
+        num_problems, num_candidates = actions.shape[:2]
+        start, delta = (_array(part).repeat(num_candidates, 0) for part in (observation.position, observation.delta))
+        paths = self._twin.fly(self._worlds(num_problems * num_candidates), start, delta, _array(actions.flatten(0, 1)))
+        return torch.from_numpy(paths.astype(np.float32)).to(actions.device).unflatten(0, (-1, num_candidates))
+
+    def true_log_std(self, observation: Observation, path: Tensor) -> Tensor:
+        """Logarithms of the standard deviations of reported positions along paths `[B, N, H, 2]`: `[B, N, H, 2]`."""
+        start = observation.position[:, None, None].expand(-1, path.shape[1], -1, -1)
+        places = _array(torch.cat([start, path], dim=2))  # [B, N, 1 + H, 2]
+        in_fog = self._twin.in_fog(self._worlds(places[..., 0].size), places.reshape(-1, 2)).reshape(places.shape[:-1])
+        noisy = in_fog[..., 1:].astype(np.float32) + in_fog[..., :-1]  # ends of a step, 0 to 2
+        variance = np.cumsum(noisy * self.vehicle.fog_std**2 + self.step_std**2, axis=-1)
+        log_std = torch.from_numpy(0.5 * np.log(variance)).to(path)
+        return log_std[..., None].expand(path.shape)
+
+    def _worlds(self, number: int) -> np.ndarray:
+        """The number of the world of each of P paths, which are in the order of the problems."""
+        return np.arange(number) * len(self._twin) // number
+
+
+class HalfOracle(Oracle):
+    """B agents that take one half of what they imagine from a trained agent."""
+
+    def __init__(
+        self, agent: Agent, layouts: Sequence[Layout], vehicle: Vehicle, true_mean: bool, step_std: float = STEP_STD
+    ) -> None:
+        """Take a trained agent, whose look-up is of the same worlds.
+
+        Args:
+            agent: what plans, and what imagines the other half.
+            layouts: see `Oracle`.
+            vehicle: likewise.
+            true_mean: whether means are true; otherwise standard deviations are.
+            step_std: see `Oracle`.
+        """
+        super().__init__(layouts, vehicle, agent.planner, agent.settings, step_std)
+        self.agent, self.true_mean = agent, true_mean
+
+    def elsewhere(self, layouts: Sequence[Layout]) -> "HalfOracle":
+        """The same agent in another world, or in B others (member-major).
+
+        Raises:
+            ConfigError: the learned half was trained with other channels.
+        """
+        check_channels(self.agent, layouts[0])
+        agent = self.agent.elsewhere([layout.map for layout in layouts])
+        return HalfOracle(agent, layouts, self.vehicle, self.true_mean, self.step_std)
+
+    def initial_carry(self, num_problems: int) -> Carry:
+        """That of the agent."""
+        return self.agent.initial_carry(num_problems)
+
+    def _imagine(self, observation: Observation, actions: Tensor, carry: Carry | None) -> Gaussian:
+        if not self.true_mean:
+            mean = self.agent.imagine(observation, actions, carry).mean
+            return Gaussian(mean, self.true_log_std(observation, mean))
+        carry = self.initial_carry(len(actions)) if carry is None else carry
+        situation = Situation(observation.position, observation.delta, carry)
+        path = self.true_path(observation, actions)
+        return rollout(self.agent.stack.transition, self.agent.lookup, situation, actions, path)
+
+    def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
+        """See `PlanningAgent.predict`."""
+        carry, learned = self.agent.predict(observation, action, carry)
+        if self.true_mean:
+            mean = self.true_path(observation, action[:, None, None])[:, 0, 0] - observation.position
+            return carry, Gaussian(mean, learned.log_std)
+        expected = (observation.position + learned.mean)[:, None, None]
+        return carry, Gaussian(learned.mean, self.true_log_std(observation, expected)[:, 0, 0])
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    return tensor.detach().cpu().numpy()

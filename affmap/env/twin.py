@@ -1,0 +1,80 @@
+"""A twin of `Physics` for many vehicles at once, without Box2D: what an agent that knows the world imagines.
+
+The vehicle itself flies in Box2D; how far its twin is off is a test (`tests/env/test_twin.py`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from affmap.compiled.physics import Body, Worlds, find_fog, fly
+from affmap.env.body import THROTTLES, Vehicle
+from affmap.env.effects import PULLS
+from affmap.env.layout import Layout
+from affmap.env.physics import TOUCH
+
+
+class Twin:
+    """Vehicles in one or several worlds."""
+
+    def __init__(self, layouts: Sequence[Layout], vehicle: Vehicle) -> None:
+        """Take W worlds, and the vehicle that flies in each of them."""
+        own = {key: getattr(vehicle, key) for key in Body._fields if key in Vehicle.model_fields}
+        self._body = Body(time_step=vehicle.time_step_s, throttles=THROTTLES, **own)
+        self._worlds = Worlds(
+            _padded([_solids(layout, vehicle) for layout in layouts]),
+            _padded([_terrains(layout, vehicle, PULLS) for layout in layouts]),
+        )
+        self._fog = _padded([_terrains(layout, vehicle, {"fog": ()}) for layout in layouts])
+
+    def __len__(self) -> int:
+        """W, the number of worlds."""
+        return len(self._worlds.solids)
+
+    def fly(self, world: np.ndarray, position: np.ndarray, velocity: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Let P vehicles fly for H steps.
+
+        Args:
+            world: `[P]`, the number of each vehicle's world.
+            position: `[P, 2]`, u.
+            velocity: `[P, 2]`, u/step.
+            actions: `[P, H, 4]`.
+
+        Returns:
+            Positions after each step, `[P, H, 2]` in u.
+        """
+        paths = np.empty((*actions.shape[:2], 2))
+        start = position.astype(float), velocity.astype(float)
+        fly(self._body, self._worlds, world, *start, np.ascontiguousarray(actions), paths)
+        return paths
+
+    def in_fog(self, world: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """Whether vehicles at `position` `[P, 2]` (u) are in fog, `[P]`; `world` as in `fly`."""
+        result = np.empty(len(position), bool)
+        find_fog(self._fog, world, position.astype(float), result)
+        return result
+
+
+def _solids(layout: Layout, vehicle: Vehicle) -> np.ndarray:
+    (width, height), radius = layout.size, vehicle.radius
+    borders = [(0, 0, 1, 0, radius), (width, 0, 1, 0, radius), (0, 0, 0, 1, radius), (0, height, 0, 1, radius)]
+    circles = [(*circle.center, 1, 1, circle.radius + radius) for circle in layout.obstacles]
+    return np.array([*borders, *circles], float)
+
+
+def _terrains(layout: Layout, vehicle: Vehicle, effects: Mapping[str, tuple[float, ...]]) -> np.ndarray:
+    """Centre, limit, and values of the effect, of the circles with one of some effects."""
+    rows = [
+        (*circle.center, circle.radius + layout.reach(circle, vehicle.radius) + TOUCH, *effects[circle.effect])
+        for circle in layout.circles
+        if circle.effect in effects
+    ]
+    width = 3 + len(next(iter(effects.values())))
+    return np.array(rows, float).reshape(len(rows), width)
+
+
+def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Tables of different lengths as one array; the rows that fill up are limits of -inf, wherever these stand."""
+    rows = max(map(len, parts))
+    return np.stack([np.vstack([part, np.full((rows - len(part), part.shape[1]), -math.inf)]) for part in parts])
