@@ -17,7 +17,8 @@ import yaml
 
 from affmap.env.layout import Circle, Layout
 from affmap.results import files
-from affmap.results.files import Maps, Trajectories
+from affmap.results.files import Deviations, Maps, Trajectories
+from affmap.results.halo import fog_distance
 from affmap.results.setting import Setting
 
 LAYOUTS = Path(__file__).parents[1] / "conf" / "layout"
@@ -118,6 +119,9 @@ def _write_job(
         "train": _ensure(
             root, "train", trained, lambda folder: _validation(folder, condition.training, size, members, epochs)
         ),
+        "predict": _ensure(
+            root, "predict", painted, lambda folder: _predictions(folder, condition, size, members, epochs)
+        ),
         "map": _ensure(root, "map", painted, lambda folder: _maps(folder, condition.map, size, members, snapshots)),
         "control": _ensure(
             root,
@@ -199,6 +203,25 @@ def _validation(folder: Path, layouts: Sequence[str], size: int, members: int, e
         "validation_nll": losses.ravel(),
     }
     files.write_validation(folder, pd.DataFrame(rows))
+
+
+def _predictions(folder: Path, condition: Condition, size: int, members: int, epochs: int) -> None:
+    """Losses by kind of step after the first epoch and the last; fog is taken to be 0.05 u wider than it is."""
+    rows = []
+    for world in [*condition.training, files.EVERYWHERE]:
+        fog = "fog" in "".join(condition.training if world == files.EVERYWHERE else [world])
+        for kind in files.KINDS if fog else ("free", "touching"):
+            level = -8.0 - 0.3 * size if kind in ("free", "touching") else 3.0 + files.KINDS.index(kind)
+            for member in range(members):
+                for epoch in (1, epochs):
+                    now = level + 1.0 / epoch + 0.1 * member
+                    rows.append((member, epoch, world, kind, 100, now + 1.0, now))
+    files.write_steps(folder, pd.DataFrame(rows, columns=files.STEP_COLUMNS).drop_duplicates())
+    layout = load_world(condition.map)
+    nodes = np.stack(np.meshgrid(X, Y), axis=-1)
+    uncertain = fog_distance(nodes, layout, VEHICLE["radius"]) <= 0.05
+    std = np.where(uncertain, 0.5, 0.001)[None, ..., None] * np.ones((members, 1, 1, 2))
+    files.write_deviations(folder, Deviations(std, X, Y, np.arange(members)))
 
 
 def _maps(folder: Path, layout: str, size: int, members: int, snapshots: Sequence[int]) -> None:

@@ -73,7 +73,7 @@ def wholes() -> list[dict[str, Any]]:
     fixed, four = composed("experiment=lookups"), composed("experiment=exp5", "world=four_properties")
     fixed |= {key: deepcopy(read("layout", "original")) for key in ("control_layout", "map_layout")}
     fixed["training_layouts"] = [deepcopy(read("layout", "original"))]
-    four["control_layout"] = deepcopy(read("layout", "procedural_few_easy"))
+    four["control_layout"] = deepcopy(read("layout", "procedural_easy"))
     return [cem, gradient, fixed, four]
 
 

@@ -50,6 +50,7 @@ def test_every_split_gives_the_tables_of_one_job(ran: dict[str, tuple[Setting, .
     split, whole = Results(ran[name]), Results(ran["one job"])
     close(split.validation, whole.validation)
     close(split.runs, whole.runs)
+    close(split.steps, whole.steps)
     assert split.runs[["context_size", "member", "run"]].equals(whole.runs[["context_size", "member", "run"]])
 
 
@@ -60,10 +61,12 @@ def test_every_split_gives_the_arrays_of_one_job(ran: dict[str, tuple[Setting, .
         for found, expected in zip(read_maps(part.map), read_maps(whole.map), strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-3)
         split, one = Results((part,)), Results((whole,))
+        for found, expected in zip(split.deviations(part), one.deviations(whole), strict=True):
+            np.testing.assert_allclose(found, expected, atol=1e-3)
         for found, expected in zip(split.trajectories(part), one.trajectories(whole), strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-3)
         assert split.worlds(part) == one.worlds(whole)
-        assert len(split.provenance) == 1 + 3 * len(part.train)  # the data are shared
+        assert len(split.provenance) == 1 + 4 * len(part.train)  # the data are shared
 
 
 def test_the_order_of_jobs_does_not_matter(ran: dict[str, tuple[Setting, ...]]) -> None:
@@ -71,7 +74,7 @@ def test_the_order_of_jobs_does_not_matter(ran: dict[str, tuple[Setting, ...]]) 
     alone = [
         Setting(job.values, {stage: (folder,) for stage, folder in zip(STAGES, folders, strict=True)})
         for job in ran["six jobs"]
-        for folders in zip(6 * job.data, job.train, job.map, job.control, strict=True)
+        for folders in zip(6 * job.data, job.train, job.predict, job.map, job.control, strict=True)
     ]
     assert join(alone[::-1]) == ran["six jobs"][::-1]
 

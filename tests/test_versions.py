@@ -16,12 +16,12 @@ from commands import line
 
 from affmap import pipeline
 from affmap.config import sweep
-from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN, StageDefinition
+from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
 from affmap.results.setting import Setting
 
 STORED = Path(__file__).parent / "golden" / "toy"
 VERSIONS = STORED / "versions.json"
-DEFINITIONS = {definition.name: definition for definition in (DATA, TRAIN, MAP, CONTROL)}
+DEFINITIONS = {definition.name: definition for definition in (DATA, TRAIN, PREDICT, MAP, CONTROL)}
 SWEEP = ["world=fog", "model.context_size=2", "planner=cem,gradient", "training.snapshot_epochs=[1]"]
 TOLERANCE = 1e-3
 """Relative and absolute, as in `tests/test_splits.py`: another processor rounds differently."""
@@ -41,6 +41,7 @@ def moments(folder: Path, name: str, arrays: tuple[str, ...]) -> pd.DataFrame:
 NUMBERS: dict[str, Callable[[Setting], pd.DataFrame]] = {
     "data": lambda job: moments(job.data[0], "dataset.npz", ("position", "action", "view")),
     "train": lambda job: pd.read_csv(job.train[0] / "validation.csv"),
+    "predict": lambda job: pd.read_csv(job.predict[0] / "steps.csv"),
     "map": lambda job: moments(job.map[0], "maps.npz", ("codes", "initial_codes")),
     "control": lambda job: pd.read_csv(job.control[0] / "runs.csv"),
 }

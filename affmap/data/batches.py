@@ -78,6 +78,11 @@ class DataModule(lightning.LightningDataModule):
         num_training = exploration.num_sequences - exploration.num_validation
         self._training, self._validation = sequences[:, :num_training].ravel(), sequences[:, num_training:].ravel()
 
+    @property
+    def validation(self) -> np.ndarray:
+        """Numbers of the validation sequences in the data set, `[S]`, in their order."""
+        return self._validation
+
     def train_dataloader(self) -> DataLoader[list[Batch]]:
         """Batches of the present epoch, in its own order."""
         epoch = self.trainer.current_epoch if self.trainer else 0

@@ -15,7 +15,8 @@ from affmap.pipeline.collect import make_data
 from affmap.pipeline.control import make_runs
 from affmap.pipeline.job import as_setting, check_logger, check_models, check_trials, open_store
 from affmap.pipeline.paint import make_maps
-from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
+from affmap.pipeline.predict import make_predictions
+from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
 from affmap.pipeline.train import make_models
 from affmap.results import files
 from affmap.results.setting import Setting
@@ -36,10 +37,11 @@ def run(config: Config) -> Setting:
     _set_up(config)
     store = open_store(config)
     data, train = _models(config, store)
+    predicted = store.ensure(PREDICT.of(config), lambda attempt: make_predictions(config, data, train, attempt))
     painted = store.ensure(MAP.of(config), lambda attempt: make_maps(config, train, attempt))
     controlled = store.ensure(CONTROL.of(config), lambda attempt: make_runs(config, train, attempt))
     log.info("%s: complete", label(config))
-    return as_setting(config, (data, train, painted, controlled))
+    return as_setting(config, (data, train, predicted, painted, controlled))
 
 
 def validation(config: Config) -> np.ndarray:

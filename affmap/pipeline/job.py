@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
-from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
+from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
 from affmap.settings.messages import ConfigError
 from affmap.store.provenance import canonical
@@ -19,7 +19,7 @@ from affmap.store.store import Store
 
 def stages(config: Config) -> tuple[Stage, ...]:
     """The stages of a job, in their order."""
-    return DATA.of(config), TRAIN.of(config), MAP.of(config), CONTROL.of(config)
+    return tuple(stage.of(config) for stage in (DATA, TRAIN, PREDICT, MAP, CONTROL))
 
 
 def all_stages(sweep: Sweep) -> list[Stage]:

@@ -46,6 +46,7 @@ class StageDefinition:
 
 DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
 TRAIN = StageDefinition("train", ("model", "training", "seed", "members"), needs=DATA, version=2)
+PREDICT = StageDefinition("predict", ("models", "report", "map_layout"), needs=TRAIN)
 MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
 CONTROL = StageDefinition(
     "control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN, version=2

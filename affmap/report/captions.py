@@ -51,6 +51,12 @@ def captions(results: Results, scores: Sequence[Score], settings: ReportSettings
             f"first {pictures.NUM_WORLDS} runs are shown."
         ),
         "exploration": _exploration(results, settings),
+        "steps": (
+            "Validation losses by kind of step. Above: at the end of training, the median step and the mean of all "
+            "steps; points: median over members, lines: quartiles. Below: what each kind of step adds to the mean "
+            "loss in the course of training, and all together (dotted); medians over members, at the epochs whose "
+            "weights were kept."
+        ),
         "outcomes": _outcomes(results, settings),
         "failures": _failures(results, settings),
     }
@@ -84,7 +90,7 @@ def _results(results: Results, scores: Sequence[Score], settings: ReportSettings
     parts.append(f"(C) Prediction error in control, {_per_box(results, settings)} runs a box. {_BOXES}")
     if settings.outcome == "success":
         parts.append(
-            "(D) Share of successful runs, which reach the goal and never touch fog: mean over members, black lines: "
+            "(D) Share of successful runs, which reach the goal and are never in fog: mean over members, black lines: "
             "standard deviation over members."
         )
     else:
@@ -190,21 +196,21 @@ def _failures(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
     if any(len(set(results.worlds(job))) > 1 for job in results.settings):
         others = (
-            "Middle: of the runs that never arrived, whether they touched fog or not, what the vehicle was nearest to "
+            "Middle: of the runs that never arrived, whether they were in fog or not, what the vehicle was nearest to "
             "at its end, or deepest inside of. Right: median prediction error of single steps, by the number of "
-            "circles that the vehicle overlapped (training has no place with more than one); steps in fog are left "
+            "circles that acted on the vehicle (training has no place with more than one); steps in fog are left "
             "out, because there the reported positions are noise."
         )
     else:
         others = (
-            f"Middle and right: where runs with a context size {contexts} first touched fog, and where those that "
+            f"Middle and right: where runs with a context size {contexts} first entered fog, and where those that "
             "never arrived were at their end (their numbers in brackets; a run may be in both), in runs per cell of "
             f"{CELL} u where there are many."
         )
     names = make_groups(results, settings).names.values()
     some = f" Rows: {listed(list(names)[:MAX_ROWS])} only." if len(names) > MAX_ROWS else ""
     return (
-        "Left: share of the runs that failed, by reason. A run that touched fog counts as such, whether it arrived or "
+        "Left: share of the runs that failed, by reason. A run that was in fog counts as such, whether it arrived or "
         f"not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. {others}{some} "
         "The paper does not report these."
     )

@@ -3,14 +3,18 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from affmap.report import blocks, build, sentences
 from affmap.report.blocks import Block
 from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance, scores
 from affmap.results.claims import Score
+from affmap.results.files import EVERYWHERE
+from affmap.results.halo import UNCERTAIN, WIDTH, halo, haze
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number, p_value, span
-from affmap.results.setting import LAYOUT, PLANNER, Factor, ReportSettings
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings
 from affmap.results.statistics import LEVEL
 from affmap.results.tables import Results
 
@@ -33,6 +37,20 @@ LOOK_CLOSER = "Runs step by step, maps point by point"
 MORE_FIGURES = (
     "The figures show affordance maps of more members and context sizes where there are any, the worlds, where "
     "exploration has been, and how runs ended."
+)
+
+STEPS = (
+    "Validation losses of single steps by what happens in them, at the end of training: the median step and the mean "
+    "of all steps, medians over members. A step that neither begins nor ends in fog is free, or touches a surface at "
+    "its end. Every step that enters fog, is inside of it or leaves it has noise on its change of position, which "
+    "costs some nats however well it is predicted. A model that is sure of a free step and enters fog instead is "
+    "surprised by hundreds of nats; so a few steps can decide the mean loss."
+)
+
+HALO = (
+    "The halo of fog: the share of places outside of it that models take for fog. There a step that begins at rest "
+    f"with closed throttles has a predicted deviation above {UNCERTAIN:g} u, and really none; means over members. "
+    "Planners keep away from such places as they do from fog."
 )
 
 BASELINES = (
@@ -94,6 +112,48 @@ def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[
     return [blocks.heading(title, level), blocks.table(header, _median_rows(results, settings))]
 
 
+def predictions(results: Results, settings: ReportSettings) -> list[Block]:
+    """Validation losses by kind of step, and how wide models take fog to be."""
+    table = results.steps
+    factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
+    others = [column for column in results.trainings if column != factor.column]
+    last = table[table["epoch"] == table.groupby(results.trainings)["epoch"].transform("max")]
+    values = list(dict.fromkeys(last[factor.column]))
+    keys = [*(column for column in others if last[column].nunique() > 1), "world", "kind"]
+    if last["world"].nunique() == 2:  # a world, and all of it
+        last = last[last["world"] == EVERYWHERE]
+        keys.remove("world")
+    rows = []
+    for names, group in last.groupby(keys, sort=False):
+        centers = group.groupby(factor.column)[["median", "mean"]].median().reindex(values)
+        cells = [f"{number(row['median'])}, {number(row['mean'])}" for _, row in centers.iterrows()]
+        rows.append([*(readable(str(name), settings) for name in names), span(group["steps"]), *cells])
+    heads = [*(key.capitalize() for key in keys), "Steps", *(name_of(factor, value, settings) for value in values)]
+    return [
+        blocks.heading("What the models predict"),
+        blocks.paragraph(STEPS),
+        blocks.table(heads, rows),
+        *_halo(results, settings),
+    ]
+
+
+def _halo(results: Results, settings: ReportSettings) -> list[Block]:
+    """How many places outside fog are taken for fog, by context size; nothing where maps show no fog."""
+    painted = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
+    worlds = {size: results.map_world(setting) for size, setting in painted.items()}
+    if not any(circle.effect == "fog" for world in worlds.values() for circle in world.circles):
+        return []
+    rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]
+    for size, setting in painted.items():
+        place = results.deviations(setting), worlds[size], results.vehicle_radius(setting)
+        for row, shares in zip(rows, (halo(*place), haze(*place)), strict=True):
+            row.append(f"{np.mean(shares):.0%}")
+    return [
+        blocks.paragraph(HALO),
+        blocks.table(["Places", *(CONTEXT_SIZE.format(size) for size in painted)], rows),
+    ]
+
+
 def baselines(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
     """What agents without a model reach in the same runs; nothing where there are none."""
     runs = results.baseline_runs
@@ -152,12 +212,13 @@ def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
         several = len(item.parts) > 1
         for part in item.parts:
             outcome = part.outcome
-            detail = [part.effect_of, f"{outcome.test}, {outcome.members} members", outcome.note]
+            remark = "" if several else item.claim.remark
+            details = [part.effect_of, f"{outcome.test}, {outcome.members} members", outcome.note, remark]
             rows.append(
                 {
                     "name": f"{item.claim.name} {part.name}".strip(),
                     "statement": part.statement if several else item.claim.statement,
-                    "detail": "; ".join(filter(None, detail)),
+                    "detail": "; ".join(filter(None, details)),
                     "effect": sentences.effect(outcome, part.unit),
                     "p": p_value(outcome.p),
                     "opposite": p_value(outcome.p_opposite),
@@ -165,7 +226,8 @@ def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
                 }
             )
         if several:
-            whole = {"name": item.claim.name, "statement": item.claim.statement, "detail": "all parts that count"}
+            detail = "; ".join(filter(None, ["all parts that count", item.claim.remark]))
+            whole = {"name": item.claim.name, "statement": item.claim.statement, "detail": detail}
             rows.append(whole | {"effect": NOTHING, "p": NOTHING, "opposite": NOTHING, "verdict": item.verdict.value})
     return rows
 

@@ -36,6 +36,7 @@ def deviations(reports: Sequence[Results]) -> blocks.Block:
 def _write_tables(folder: Path, name: str, results: Results, scores: Sequence[Score], settings: ReportSettings) -> None:
     write_runs(folder, name, results.runs)
     write_csv(folder / "validation.csv", results.validation)
+    write_csv(folder / "steps.csv", results.steps)
     if results.baselines:
         write_csv(folder / "baselines.csv", results.baseline_runs)
     write_csv(folder / "medians.csv", medians(results, settings))
@@ -61,6 +62,8 @@ def _blocks(
         player(results, settings),
         *filter(None, [explorer(results, settings)]),
         *content.tests(scores, results),
+        *content.predictions(results, settings),
+        *shown("steps"),
         *content.medians(results, settings),
         *content.baselines(results, settings),
         *([blocks.paragraph(content.RANGES)] if settings.axes else []),

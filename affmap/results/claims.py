@@ -55,6 +55,8 @@ class Claim:
     name: str
     statement: str
     test: Callable[[Results], Sequence[Criterion]]
+    remark: str = ""
+    """What readers should know of the verdict, such as a choice that was made after it had been seen."""
 
 
 @dataclass(frozen=True)

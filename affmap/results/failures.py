@@ -12,6 +12,7 @@ from affmap.env.geometry import affected, circle_distance, surface_distance
 from affmap.env.layout import Layout
 from affmap.lazy import stats
 from affmap.results.files import Floats
+from affmap.results.halo import fog_distance
 from affmap.results.setting import CONTEXT_SIZE, Setting
 from affmap.results.tables import Results
 
@@ -90,6 +91,22 @@ def nearest(position: Floats, world: Layout) -> str:
             now = float(circle_distance(position, circle))
             distances[circle.effect] = min(now, distances.get(circle.effect, now))
     return min(distances, key=lambda thing: distances[thing])
+
+
+def end_distances(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
+    """How far runs that never arrived were from fog at their end.
+
+    Returns:
+        The value on the x axis, and `distance` (u; negative inside) of each of these runs in a world with fog.
+    """
+    tables = []
+    for setting in settings:
+        paths, radius = results.trajectories(setting), results.vehicle_radius(setting)
+        ends = zip(paths.position[:, -1], results.worlds(setting), np.any(paths.reached, axis=1), strict=True)
+        distances = [float(fog_distance(position, world, radius)) for position, world, arrived in ends if not arrived]
+        finite = [distance for distance in distances if np.isfinite(distance)]
+        tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], "distance": finite}))
+    return pd.concat(tables, ignore_index=True)
 
 
 def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:

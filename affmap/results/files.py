@@ -21,6 +21,7 @@ from affmap.store.files import guarded_read, read_arrays
 from affmap.store.provenance import PROVENANCE
 
 COVERAGE, VALIDATION = "coverage.npz", "validation.csv"
+STEPS, DEVIATIONS = "steps.csv", "deviations.npz"
 MAPS, RUNS, TRAJECTORIES, LAYOUTS = "maps.npz", "runs.csv", "trajectories.npz", "layouts.json"
 """Names of the files."""
 
@@ -60,6 +61,55 @@ def write_validation(folder: Path, table: pd.DataFrame) -> None:
 def read_validation(folder: Path) -> pd.DataFrame:
     """Read losses, a row for each member and epoch, columns `VALIDATION_COLUMNS`."""
     return _read_table(folder / VALIDATION, VALIDATION_COLUMNS)[VALIDATION_COLUMNS]
+
+
+KINDS = ("free", "touching", "entering", "inside", "leaving")
+"""What may happen in a step: nothing, touching a surface at its end, entering fog, being inside of it, leaving it."""
+
+EVERYWHERE = "(all)"
+"""Stands in the column `world` for all training worlds together."""
+
+STEP_COLUMNS = ["member", "epoch", "world", "kind", "steps", "mean", "median"]
+
+
+def write_steps(folder: Path, table: pd.DataFrame) -> None:
+    """Write validation losses by kind of step: a row for each member, epoch, world and kind, `STEP_COLUMNS`."""
+    table[STEP_COLUMNS].to_csv(folder / STEPS, index=False, float_format="%.6f")
+
+
+def read_steps(folder: Path) -> pd.DataFrame:
+    """Read validation losses by kind of step, columns `STEP_COLUMNS`; losses in nats."""
+    return _read_table(folder / STEPS, STEP_COLUMNS)[STEP_COLUMNS]
+
+
+class Deviations(NamedTuple):
+    """Standard deviations that all members of one training predict for a step at the nodes of a map."""
+
+    std: Floats
+    """`[M, Y, X, 2]` in u/step, of a step that begins at rest with closed throttles."""
+    x: Floats
+    """`[X]` in u."""
+    y: Floats
+    """`[Y]` in u."""
+    member: NDArray[np.integer]
+    """`[M]`."""
+
+    @property
+    def nodes(self) -> Floats:
+        """`[Y, X, 2]` positions of the nodes, u."""
+        return np.stack(np.meshgrid(self.x, self.y), axis=-1)
+
+
+def write_deviations(folder: Path, deviations: Deviations) -> None:
+    """Write predicted deviations."""
+    _write_arrays(folder / DEVIATIONS, deviations)
+
+
+def read_deviations(folders: Sequence[Path]) -> Deviations:
+    """Read the predicted deviations of all members, which may have been divided among several stages."""
+    parts = [_read_arrays(Deviations, folder / DEVIATIONS) for folder in folders]
+    std, member = np.concatenate([part.std for part in parts]), np.concatenate([part.member for part in parts])
+    return parts[0]._replace(std=std, member=member)
 
 
 class Maps(NamedTuple):
@@ -200,10 +250,10 @@ def read_origin(folder: Path) -> dict[str, Any]:
         return record
 
 
-Record = TypeVar("Record", Maps, Exploration, Trajectories)
+Record = TypeVar("Record", Maps, Deviations, Exploration, Trajectories)
 
 
-def _write_arrays(path: Path, record: Maps | Exploration) -> None:
+def _write_arrays(path: Path, record: Maps | Deviations | Exploration) -> None:
     np.savez_compressed(path, allow_pickle=False, **record._asdict())
 
 

@@ -14,7 +14,7 @@ from affmap.settings import Line, Neutral, Number, Positive, Settings, read
 
 Value = bool | int | float | str
 
-STAGES = ("data", "train", "map", "control")
+STAGES = ("data", "train", "predict", "map", "control")
 
 
 class PlannerName(NamedTuple):
@@ -108,6 +108,11 @@ class Setting:
     def train(self) -> tuple[Path, ...]:
         """Folders of the stage `train`."""
         return self.folders["train"]
+
+    @property
+    def predict(self) -> tuple[Path, ...]:
+        """Folders of the stage `predict`."""
+        return self.folders["predict"]
 
     @property
     def map(self) -> tuple[Path, ...]:

@@ -15,11 +15,20 @@ import pandas as pd
 from affmap.env.layout import Layout
 from affmap.results import files
 from affmap.results.design import Design
-from affmap.results.files import VALIDATION_COLUMNS, WORLD_COLUMNS, Exploration, Maps, Trajectories
+from affmap.results.files import (
+    STEP_COLUMNS,
+    VALIDATION_COLUMNS,
+    WORLD_COLUMNS,
+    Deviations,
+    Exploration,
+    Maps,
+    Trajectories,
+)
 from affmap.results.metrics import PLACES, extra_metrics, run_metrics, stored_metrics, summarise
 from affmap.results.setting import (
     CONTEXT_SIZE,
     FACTORS,
+    LAYOUT,
     SPACING,
     STAGES,
     Factor,
@@ -88,6 +97,29 @@ class Results(Design):
         keys = ["layout", "context_size", *(factor.column for factor in own)]
         table = pd.concat(tables)[[*keys, *VALIDATION_COLUMNS]]
         return table.sort_values([*keys, "member", "epoch"], ignore_index=True)
+
+    @cached_property
+    def steps(self) -> pd.DataFrame:
+        """Validation losses by kind of step, one row per training, member, epoch, training world and kind.
+
+        The columns of `validation` that tell trainings apart, then `STEP_COLUMNS`.
+        """
+        first: dict[Path, tuple[Path, Setting]] = {}
+        for setting in self.settings:
+            for train, predict in zip(setting.train, setting.predict, strict=True):
+                first.setdefault(train, (predict, setting))
+        keys = {LAYOUT.column: LAYOUT.key, CONTEXT_SIZE.column: CONTEXT_SIZE.key}
+        keys |= {factor.column: factor.key for factor in self.factors if factor.column in self.trainings}
+        tables = [
+            files.read_steps(folder).assign(**{column: setting.values[key] for column, key in keys.items()})
+            for folder, setting in first.values()
+        ]
+        table = pd.concat(tables)[[*self.trainings, *STEP_COLUMNS]]
+        return table.sort_values([*self.trainings, "member", "epoch"], kind="stable", ignore_index=True)
+
+    def deviations(self, setting: Setting) -> Deviations:
+        """The deviations that the models of a setting predict at the nodes of its map."""
+        return files.read_deviations(setting.predict)
 
     def _is_trained(self, factor: Factor) -> bool:
         """Whether each training has a single value of a factor."""

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,10 @@ from commands import in_process, jobs, line
 
 from affmap import pipeline
 from affmap.cli.app import read_sweep
+from affmap.config.root import label
+from affmap.control.episodes import control
+from affmap.control.oracle import HalfOracle, Oracle
+from affmap.pipeline import control as stage
 from affmap.pipeline.completed import completed
 from affmap.results.tables import Results
 
@@ -97,6 +102,39 @@ def test_agents_can_be_compared_one_with_the_other(swept: Path, tmp_path: Path) 
     assert set(table["a"]) == {"planner"} and set(table.index) == {"random", "straight"}
     for agent, difference in table["difference"].items():
         assert difference == pytest.approx(means[agent] - means["cem"])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "true_mean"),
+    [("oracle", Oracle, None), ("true_mean", HalfOracle, True), ("true_deviation", HalfOracle, False)],
+)
+def test_agents_that_know_the_physics_are_flown_by_the_pipeline(
+    swept: Path, name: str, kind: type[Oracle], true_mean: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The right class with the file's number and the job's planner, in the job's world; tables name it by its kind."""
+    (config,) = jobs(swept, "model.context_size=1", f"agent={name}", "planner.num_iterations=2", "agent.std=0.01")
+    flying: list[Any] = []
+
+    def remember(controller: Any, *arguments: Any) -> Any:
+        flying.append(controller)
+        return control(controller, *arguments)
+
+    monkeypatch.setattr(stage, "control", remember)
+    threads = torch.get_num_threads()
+    job = pipeline.run(config)
+    torch.set_num_threads(threads)
+    (controller,) = flying
+    assert type(controller) is kind and (controller.planner, controller.settings) == (config.planner, config.control)
+    assert (controller.vehicle, controller.step_std) == (config.vehicle, 0.01)
+    assert getattr(controller, "true_mean", None) is true_mean
+    runs = pd.read_csv(job.control[0] / "runs.csv")
+    assert set(runs["planner"]) == {name} and len(runs) == 8
+    assert runs[["prediction_error", "mean_distance"]].notna().all(axis=None)
+    assert job.planner == name and label(config) == f"original, context size 1, {name}, map of 0.25 u"
+    origin = json.loads((job.control[0] / "provenance.json").read_text())["config"]
+    assert origin["agent"] == {"kind": name, "std": 0.01}
+    beside = pipeline.find(jobs(swept, "model.context_size=1")[0])
+    assert beside is not None and (job.train, job.map) == (beside.train, beside.map)
 
 
 def test_an_agent_without_a_planner_stands_once_beside_several_planners(tmp_path: Path) -> None:

@@ -335,8 +335,8 @@ def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
 def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_settings_share(tmp_path: Path) -> None:
     """Experiment V's worlds: eight different ones, drawn again from member and run, the same at each context size."""
     four = "training_layouts=[training_obstacles,training_fog,training_force_up,training_force_down]"
-    overrides = [four, "control_layout=procedural_few_easy", "map_layout=four_properties"]
-    drawn = Procedural.load("layout", "procedural_few_easy")
+    overrides = [four, "control_layout=procedural_easy", "map_layout=four_properties"]
+    drawn = Procedural.load("layout", "procedural_easy")
     expected = [drawn.draw(generator(member, "world", run)) for member in (0, 1) for run in range(4)]
     for size in (0, 1):
         (config,) = jobs(tmp_path, *overrides, f"model.context_size={size}")
@@ -344,7 +344,7 @@ def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_setting
         flown = [Layout.checked(layout, "here") for layout in json.loads((job.control[0] / "layouts.json").read_text())]
         assert flown == expected and len({layout.map for layout in flown}) == 8
         results = Results((job,))
-        assert results.layouts == ["procedural_few_easy"] and results.map_world(job).name == "four_properties"
+        assert results.layouts == ["procedural_easy"] and results.map_world(job).name == "four_properties"
         assert [world.name for world in results.training_worlds(job)] == [
             layout.name for layout in config.training_layouts
         ]

@@ -25,7 +25,7 @@ CHOICES = {
     "logger": ["csv", "tensorboard"],
     "versions": ["same", "any"],
     "world": ["original", "fog", "three_looks"],
-    "control_layout": ["original", "two_obstacles", "procedural_few_easy"],
+    "control_layout": ["original", "two_obstacles", "procedural_crowded_easy"],
     "map_layout": ["original", "four_properties", "two_obstacles"],
     "training_layouts": ["[original]", "[two_obstacles,original]"],
     "output": ["/absolute/here", "elsewhere/of/${name}", "runs/${world}"],

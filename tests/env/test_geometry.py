@@ -11,15 +11,17 @@ from hypothesis import strategies as st
 from affmap.env import geometry
 from affmap.env.body import Vehicle
 from affmap.env.geometry import crossable
-from affmap.env.layout import Layout
+from affmap.env.layout import Acts, Layout
 
 VEHICLE = Vehicle.load("vehicle", "default")  # radius 0.06 u, thrust 1 N, force 0.5 N
 START, GOAL = np.array([0.2, 1.0]), np.array([2.8, 1.0])
 
 
-def world(*circles: tuple[float, float, float, str], size: tuple[float, float] = (3.0, 2.0)) -> Layout:
+def world(
+    *circles: tuple[float, float, float, str], size: tuple[float, float] = (3.0, 2.0), acts: Acts = "rim"
+) -> Layout:
     parts = [{"center": [x, y], "radius": r, "effect": e, "channel": "solid"} for x, y, r, e in circles]
-    return Layout.load("layout", "original", size=size, circles=parts)
+    return Layout.load("layout", "original", size=size, circles=parts, acts=acts)
 
 
 def wall(effect: str, x: float = 1.5) -> list[tuple[float, float, float, str]]:
@@ -87,6 +89,54 @@ def test_forces_count_as_the_vehicle_has_them() -> None:
     assert not crossable(one, VEHICLE.model_copy(update={"force": 1.5}), START, GOAL)
 
 
+@pytest.mark.parametrize(
+    ("effect", "narrowest"), [("fog", {"rim": 0.13, "center": 0.01}), ("obstacle", {"rim": 0.13, "center": 0.13})]
+)
+def test_a_gap_in_fog_need_not_be_as_wide_as_the_vehicle_where_fog_acts_at_the_centre(
+    effect: str, narrowest: dict[Acts, float]
+) -> None:
+    """By hand: a centre passes a gap of a grid step between two fogs, and obstacles are touched under either rule.
+
+    The line of the grid between the circles is y = 1 u; on it a disc of 0.06 u passes a gap above 0.12 u.
+    """
+    for acts, least in narrowest.items():
+        for gap, answer in ((least, True), (least - 0.02, False)):
+            radius = (2.0 - gap) / 4
+            layout = world((1.5, radius, radius, effect), (1.5, 2.0 - radius, radius, effect), acts=acts)
+            assert crossable(layout, VEHICLE, START, GOAL) is answer, (acts, gap)
+
+
+def test_a_field_acts_where_the_centre_is_inside() -> None:
+    """By hand: three fields leave 0.5 u at the upper border, and a centre comes as near to it as the radius is.
+
+    So a vehicle of 0.26 u passes by their rims with its centre outside; one of 0.49 u passes, one of 0.51 u does not.
+    """
+    layout = world(*[(1.5, 0.75, 0.75, "force_up")] * 3, acts="center")
+    for radius, answer in ((0.06, True), (0.26, True), (0.49, True), (0.51, False)):
+        vehicle = VEHICLE.model_copy(update={"radius": radius})
+        ends = np.array([0.55, 1.0]), np.array([2.45, 1.0])
+        assert crossable(layout, vehicle, *ends) is answer
+
+
+@pytest.mark.parametrize(
+    ("effect", "acts", "expected"),
+    [
+        ("fog", "center", [True, True, False, False, False]),
+        ("force_up", "center", [True, True, False, False, False]),
+        ("fog", "rim", [True, True, True, True, False]),
+        ("force_down", "rim", [True, True, True, True, False]),
+        ("obstacle", "center", [True, True, True, True, False]),
+        ("obstacle", "rim", [True, True, True, True, False]),
+    ],
+)
+def test_where_a_circle_acts(effect: str, acts: Acts, expected: list[bool]) -> None:
+    """By hand: a disc of 0.06 u at 0, 0.199, 0.201, 0.259 and 0.261 u from the centre of a circle of 0.2 u."""
+    layout = world((1.0, 1.0, 0.2, effect), acts=acts)
+    places = np.array([[1.0, 1.0], [1.0, 1.199], [0.799, 1.0], [1.259, 1.0], [1.0, 0.739]])
+    assert geometry.affected(places, layout, layout.circles[0], 0.06).tolist() == expected
+    assert geometry.affected(places[:, None], layout, layout.circles[0], 0.06).shape == (5, 1)
+
+
 def test_a_field_acts_as_soon_as_the_disc_reaches_it() -> None:
     """By hand: between fields and border are 0.5 u; a vehicle wider than that cannot stay out of the fields."""
     layout = world(*[(1.5, 0.75, 0.75, "force_up")] * 3)
@@ -135,13 +185,14 @@ def test_start_and_goal_count_at_their_nearest_grid_point() -> None:
 def reached(layout: Layout, start: np.ndarray) -> np.ndarray:
     """Grid places reached from `start`, `[columns, rows]`: breadth first, one place and one circle at a time."""
     columns, rows = round(layout.size[0] * 100) + 1, round(layout.size[1] * 100) + 1
+    reach = {"rim": VEHICLE.radius, "center": 0.0}[layout.acts]
 
     def passable(column: int, row: int) -> bool:
         place, pull = np.array([column, row]) * 0.01, 0.0
         if not (0 <= column < columns and 0 <= row < rows) or not layout.is_free(place, VEHICLE.radius):
             return False
         for circle in layout.circles:
-            if np.linalg.norm(place - circle.center) < circle.radius + VEHICLE.radius:
+            if np.linalg.norm(place - circle.center) < circle.radius + reach:
                 if circle.effect == "fog":
                     return False
                 pull += {"force_up": 0.5, "force_down": -0.5}.get(circle.effect, 0.0)
@@ -165,12 +216,12 @@ places = st.integers(0, 60).map(lambda place: place / 100 + 0.001)  # off the gr
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)
-@given(st.lists(st.tuples(places, places, st.floats(0.05, 0.25), effects), min_size=1, max_size=8))
-def test_it_agrees_with_a_search_of_our_own(circles: list[tuple[float, float, float, str]]) -> None:
+@given(st.lists(st.tuples(places, places, st.floats(0.05, 0.25), effects), min_size=1, max_size=8), st.booleans())
+def test_it_agrees_with_a_search_of_our_own(circles: list[tuple[float, float, float, str]], rim: bool) -> None:
     """A breadth-first search over the same grid with plain loops, in a small arena, from its corner to 20 places."""
     layout = Layout.load("layout", "original", circles=[], start_margin=0.1, start_side=0.1)
     layout = layout.model_copy(update={"size": (0.6, 0.6)})
-    layout = layout.model_copy(update={"circles": world(*circles).circles})
+    layout = layout.model_copy(update={"circles": world(*circles).circles, "acts": "rim" if rim else "center"})
     start = np.array([0.1, 0.1])
     found = reached(layout, start)
     goals = np.random.default_rng(0).integers(0, 61, (20, 2))

@@ -1,5 +1,6 @@
 """Layouts: the files in `conf/layout`, every kind of bad input, and geometry against plain loops."""
 
+import json
 import math
 from typing import Any
 
@@ -73,6 +74,8 @@ def test_the_original_is_the_paper_s_size_with_six_obstacles() -> None:
         ({"start_side": 0.0}, ["start_side = 0.0", "greater than 0"]),
         ({"start_side": 0.91}, ["start_side = 0.91", "start_margin = 0.1", "at most 1.0"]),
         ({"start_margin": -0.1}, ["start_margin = -0.1", "greater than 0"]),
+        ({"acts": "edge"}, ["acts = 'edge'", "'center' or 'rim'"]),
+        ({"acts": None}, ["acts = None", "'center' or 'rim'"]),
     ],
 )
 def test_bad_input_is_named_with_file_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
@@ -84,7 +87,7 @@ def test_bad_input_is_named_with_file_key_value_and_remedy(changes: dict[str, An
     assert [part for part in parts if part not in message] == [], message
 
 
-@pytest.mark.parametrize("key", sorted(Layout.model_fields))
+@pytest.mark.parametrize("key", sorted(set(Layout.model_fields) - {"acts"}))
 def test_a_missing_key_is_named(key: str) -> None:
     content = {name: value for name, value in read("layout", "original").items() if name != key}
     with pytest.raises(ConfigError, match=f"^conf/layout/x.yaml: {key} is missing; add the key.$"):
@@ -119,6 +122,41 @@ def test_a_blocked_start_corner_is_named(center: list[float], square: str) -> No
 def test_a_margin_smaller_than_the_vehicle_is_named() -> None:
     with pytest.raises(ValueError, match=r"start_margin = 0\.05 .* radius 0\.06; make it at least that"):
         original(start_margin=0.05).check_corners(0.06)
+
+
+@pytest.mark.parametrize(
+    ("effect", "acts", "expected"),
+    [
+        *((effect, "center", 0.0) for effect in ("fog", "force_up", "force_down", "none")),
+        *((effect, "rim", 0.06) for effect in ("fog", "force_up", "force_down", "none")),
+        ("obstacle", "center", 0.06),
+        ("obstacle", "rim", 0.06),
+    ],
+)
+def test_how_far_circles_reach(effect: str, acts: str, expected: float) -> None:
+    """By hand: terrains to the centre or to the rim of a disc of 0.06 u, obstacles always to the rim."""
+    layout = original(circles=[circle(effect=effect)], acts=acts)
+    assert layout.reach(layout.circles[0], 0.06) == expected
+
+
+@pytest.mark.parametrize("name", ["original", "two_obstacles", "twelve_obstacles", "three_looks"])
+def test_a_file_without_the_rule_is_written_as_before_there_was_one(name: str) -> None:
+    """The file's own keys and no other, so that its digest stays; the rule that stood for everything says the same."""
+    content = read("layout", name)
+    assert "acts" not in content
+    layout = Layout.load("layout", name)
+    assert layout.acts == "rim" and layout == Layout.load("layout", name, acts="rim")
+    for written in (layout.model_dump(mode="json"), layout.plain, json.loads(layout.model_dump_json())):
+        assert written == content
+    assert layout.complete() == content | {"acts": "rim"}
+    assert Layout.load("layout", name, acts="center").plain == content | {"acts": "center"}
+
+
+@pytest.mark.parametrize("name", ["fog", "four_properties", *(each for each in FILES if each.startswith("training"))])
+def test_the_worlds_of_experiments_4_and_5_act_at_the_centre(name: str) -> None:
+    """As the files say, in words; and what is written says so."""
+    layout = Layout.load("layout", name)
+    assert layout.acts == layout.plain["acts"] == read("layout", name)["acts"] == "center"
 
 
 @pytest.mark.parametrize("effect", ["fog", "force_up", "force_down", "none"])

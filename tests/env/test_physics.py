@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from affmap.env.body import THROTTLES, Vehicle
-from affmap.env.layout import Layout
+from affmap.env.layout import Acts, Layout
 from affmap.env.physics import Physics
 
 VEHICLE = Vehicle.load("vehicle", "default")
@@ -24,11 +24,13 @@ SLOP = 0.005
 quick = settings(max_examples=40, deadline=None, derandomize=True)
 
 
-def world(*circles: tuple[float, float, float, str], size: tuple[float, float] = (3.0, 2.0)) -> Layout:
+def world(
+    *circles: tuple[float, float, float, str], size: tuple[float, float] = (3.0, 2.0), acts: Acts = "rim"
+) -> Layout:
     things = [
         {"center": [x, y], "radius": radius, "effect": effect, "channel": "solid"} for x, y, radius, effect in circles
     ]
-    return Layout.load("layout", "original", size=size, circles=things)
+    return Layout.load("layout", "original", size=size, circles=things, acts=acts)
 
 
 def fly(physics: Physics, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -170,18 +172,20 @@ def test_force_fields_pull_with_the_configured_force_and_add_up(fields: list[str
         np.testing.assert_allclose(physics.position, position, atol=1e-5)
 
 
+@pytest.mark.parametrize(("acts", "reach"), [("rim", VEHICLE.radius), ("center", 0.0)])
 @quick
 @given(seeds)
-def test_each_place_has_its_effects_without_delay(seed: int) -> None:
-    """Closed form: field, fog and contact are those that the disc overlaps at the beginning of the step.
+def test_each_place_has_its_effects_without_delay(acts: Acts, reach: float, seed: int) -> None:
+    """Closed form: fields and fog are those that the disc overlaps, or the centre is in, at the beginning of the step.
 
-    The reference computes distances; steps where the disc only just reaches a circle are not judged.
+    Contact is the disc's. The reference computes distances; steps where a circle is only just reached are not judged.
     """
     fog = (2.2, 1.2, 0.3, "fog")
-    physics = Physics(world(*FIELDS, fog), VEHICLE, np.array([0.4, 1.0]) + np.random.default_rng(seed).uniform(0, 0.3))
+    start = np.array([0.4, 1.0]) + np.random.default_rng(seed).uniform(0, 0.3)
+    physics = Physics(world(*FIELDS, fog, acts=acts), VEHICLE, start)
     for action in random_actions(seed, 60):
         before, velocity = physics.position, physics.velocity
-        gaps = {field: np.linalg.norm(before - field[:2]) - field[2] - VEHICLE.radius for field in [*FIELDS, fog]}
+        gaps = {field: np.linalg.norm(before - field[:2]) - field[2] - reach for field in [*FIELDS, fog]}
         gaps_to_border = [*(before - VEHICLE.radius), *(np.array([3, 2]) - VEHICLE.radius - before)]
         if min(map(abs, [*gaps.values(), *gaps_to_border])) < 1e-5:
             physics.step(action)
@@ -195,6 +199,40 @@ def test_each_place_has_its_effects_without_delay(seed: int) -> None:
         physics.step(action)
         if min(position - VEHICLE.radius) > 0 and min(np.array([3, 2]) - VEHICLE.radius - position) > 0:
             np.testing.assert_allclose(physics.velocity, velocity, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("acts", ["center", "rim"])
+@pytest.mark.parametrize("angle", [0.0, 0.7, 2.5, 4.0])
+def test_where_circles_begin_to_act(acts: Acts, angle: float) -> None:
+    """Closed form: 0.0001 u inside and outside of each limit, a step from rest has the pull, fog and contact or not.
+
+    The limit of fog and field is the circle's radius, or with the vehicle's; that of an obstacle has it always.
+    """
+    limits = dict.fromkeys(("fog", "force_up", "force_down"), 0.3 + (0.06 if acts == "rim" else 0.0))
+    for effect, limit in {**limits, "obstacle": 0.36}.items():
+        layout = world((1.5, 1.0, 0.3, effect), acts=acts)
+        for inside in (True, False):
+            distance = limit + (-0.0001 if inside else 0.0001)
+            place = np.array([1.5, 1.0]) + distance * np.array([math.cos(angle), math.sin(angle)])
+            physics = Physics(layout, VEHICLE, place)
+            assert physics.in_fog == (inside and effect == "fog")
+            assert physics.touching == (inside and effect == "obstacle")
+            pull = VEHICLE.force * {"force_up": 1, "force_down": -1}.get(effect, 0) * inside
+            _, velocity = advance(place, np.zeros(2), np.array([0.0, pull]), VEHICLE.damping)
+            physics.step(REST)
+            np.testing.assert_allclose(physics.velocity, velocity, rtol=1e-4, atol=1e-7)
+
+
+def test_obstacles_are_the_same_under_both_rules() -> None:
+    """Bit-equal flights among obstacles, which touch them."""
+    layout, actions = Layout.load("layout", "original"), random_actions(2, 200)
+    flown = []
+    for acts in ("center", "rim"):
+        physics = Physics(layout.model_copy(update={"acts": acts}), VEHICLE, np.array([0.2, 0.2]))
+        flown.append((*fly(physics, actions), physics.touching))
+    for one, other in zip(*flown, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert np.ptp(flown[0][0], axis=0).min() > 0.5
 
 
 @pytest.mark.parametrize("effect", ["fog", "none"])

@@ -22,9 +22,9 @@ NAMES = {
     "affmap/Fog-v0": "fog",
     "affmap/FourProperties-v0": "four_properties",
     "affmap/Original-v0": "original",
+    "affmap/ProceduralCrowdedEasy-v0": "procedural_crowded_easy",
+    "affmap/ProceduralCrowdedHard-v0": "procedural_crowded_hard",
     "affmap/ProceduralEasy-v0": "procedural_easy",
-    "affmap/ProceduralFewEasy-v0": "procedural_few_easy",
-    "affmap/ProceduralFewHard-v0": "procedural_few_hard",
     "affmap/ProceduralHard-v0": "procedural_hard",
     "affmap/ThreeLooks-v0": "three_looks",
     "affmap/TrainingFog-v0": "training_fog",
@@ -120,7 +120,7 @@ def test_a_seed_draws_a_world_and_each_reset_another() -> None:
 
 def test_worlds_that_are_drawn_obey_their_rules_and_are_seen_and_felt() -> None:
     """Reference: the fixed layout that was drawn, flown as such from the same place, without fog's noise."""
-    rules = Procedural.load("layout", "procedural_few_hard")
+    rules = Procedural.load("layout", "procedural_hard")
     env = VehicleEnv(rules, render_mode="rgb_array")
     for seed in range(3):
         observation, info = env.reset(seed=seed)

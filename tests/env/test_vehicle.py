@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rollouts import actions, assert_bit_equal, rollout
 
 from affmap.env import Layout, VehicleEnv
+from affmap.env.layout import Acts
 from affmap.settings import ConfigError
 from affmap.view import view
 
@@ -19,9 +20,9 @@ quick = settings(max_examples=40, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**31 - 1)
 
 
-def world(*circles: tuple[float, float, float, str]) -> Layout:
+def world(*circles: tuple[float, float, float, str], acts: Acts = "rim") -> Layout:
     things = [{"center": [x, y], "radius": r, "effect": effect, "channel": "solid"} for x, y, r, effect in circles]
-    return Layout.load("layout", "original", circles=things)
+    return Layout.load("layout", "original", circles=things, acts=acts)
 
 
 # Gymnasium's checker warns of unbounded positions (fog reports any) and, without a render mode, that it cannot render.
@@ -213,20 +214,40 @@ def test_without_fog_the_reported_position_is_the_true_one() -> None:
         assert not info["in_fog"]
 
 
-def test_noise_is_where_the_fog_is() -> None:
-    """Geometry: reported and true position differ when and only when the disc overlaps the fog, from reset on."""
+@pytest.mark.parametrize(("acts", "reach"), [("rim", 0.06), ("center", 0.0)])
+def test_noise_is_where_the_fog_is(acts: Acts, reach: float) -> None:
+    """Geometry: reported and true position differ when and only when disc or centre is in the fog, from reset on."""
     center, radius = np.array([1.5, 1.0]), 0.4
-    env = VehicleEnv(world((*center, radius, "fog")))
+    env = VehicleEnv(world((*center, radius, "fog"), acts=acts))
     seen = set()
     for x in (0.5, 1.5):
         observation, info = env.reset(seed=0, options={"position": [x, 1.0]})
         for number in range(25):
-            overlaps = math.hypot(*(info["position"] - center)) < radius + 0.06
+            overlaps = math.hypot(*(info["position"] - center)) < radius + reach
             differs = bool((observation["position"] != info["position"].astype(np.float32)).any())
             assert overlaps == differs == info["in_fog"], (x, number, info["position"])
             seen.add(overlaps)
             observation, *_, info = env.step(np.array([1.0, 0, 0, 1]))
     assert seen == {True, False}
+
+
+@pytest.mark.parametrize(
+    ("acts", "distances"), [("rim", {0.455: True, 0.465: False}), ("center", {0.395: True, 0.405: False, 0.455: False})]
+)
+def test_a_vehicle_at_rest_is_in_fog_or_not(acts: Acts, distances: dict[float, bool]) -> None:
+    """By hand: a disc of 0.06 u at some distances from the centre of fog of 0.4 u, for ten steps with closed throttles.
+
+    A field of the same place pulls by the same rule, and its mirror image as much the other way: the vehicle rests.
+    """
+    pulls = [(1.5, 1.0, 0.4, "force_up"), (1.5, 1.0, 0.4, "force_down")]
+    env = VehicleEnv(world((1.5, 1.0, 0.4, "fog"), *pulls, acts=acts))
+    for distance, expected in distances.items():
+        observation, info = env.reset(seed=1, options={"position": [1.5 + distance, 1.0]})
+        for _ in range(10):
+            assert info["in_fog"] is expected
+            assert (observation["position"] != info["position"].astype(np.float32)).all() == expected
+            observation, *_, info = env.step(np.zeros(4))
+            np.testing.assert_allclose(info["position"], [1.5 + distance, 1.0], atol=1e-6)
 
 
 def test_noise_is_standard_normal_and_doubles_its_variance_in_deltas() -> None:

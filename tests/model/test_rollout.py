@@ -127,6 +127,41 @@ def test_any_memory_layout_of_actions_will_do() -> None:
         assert torch.equal(found.mean, expected.mean)
 
 
+@pytest.mark.parametrize("context_size", [0, 3])
+def test_along_a_given_path_deviations_are_those_of_each_step_alone(context_size: int) -> None:
+    """A plain loop with each problem's own member: places and changes are those of the path, means are the path."""
+    whole = stack(*SEEDS, context_size=context_size)
+    position, delta, actions = situation()
+    path = position[:, None, None] + 0.1 * torch.randn(B, N, H, 2, generator=torch.Generator().manual_seed(7)).cumsum(2)
+    lookup, start = ExactLookup(whole, [WORLD]), Situation(position, delta, ())
+    found = rollout(whole.transition, lookup, start, actions, path)
+    torch.testing.assert_close(found.mean, path, atol=1e-6, rtol=0)
+    for b in range(B):
+        one = stack(SEEDS[b // AGENTS], context_size=context_size)
+        codes = ExactLookup(one, [WORLD])
+        for n in range(N):
+            here, change, variance = position[b], delta[b], torch.zeros(2)
+            for step in range(H):
+                code = codes(here[None, None])
+                _, prediction = one.transition.step()((), code, change[None, None], actions[b, n, step][None, None])
+                variance = variance + (2 * prediction.log_std[0, 0]).exp()
+                torch.testing.assert_close(found.log_std[b, n, step], 0.5 * variance.log(), atol=1e-4, rtol=0)
+                change, here = path[b, n, step] - here, path[b, n, step]
+    free = rollout(whole.transition, lookup, start, actions)
+    assert (found.log_std - free.log_std).abs().max() > 1e-3
+
+
+def test_along_its_own_path_it_imagines_the_same() -> None:
+    """The predicted means given as the path change nothing."""
+    whole = stack(*SEEDS, context_size=3)
+    position, delta, actions = situation()
+    lookup, start = AffordanceMap.paint(whole, [WORLD], 0.1), Situation(position, delta, ())
+    free = rollout(whole.transition, lookup, start, actions)
+    along = rollout(whole.transition, lookup, start, actions, free.mean)
+    torch.testing.assert_close(along.mean, free.mean, atol=1e-6, rtol=0)
+    torch.testing.assert_close(along.log_std, free.log_std, atol=1e-5, rtol=0)
+
+
 def test_deviations_never_shrink_along_a_path() -> None:
     """Variances are positive and add up: H steps of one deviation give sqrt(H) times as much (closed form)."""
     whole = stack(4, context_size=0)

@@ -96,16 +96,16 @@ def test_bars_are_means_and_standard_deviations_over_members() -> None:
 
 
 def test_failures_are_stacked_by_their_reasons() -> None:
-    """By hand: of four runs one is stuck, one touched fog and arrived, one touched fog and did not."""
+    """By hand: of four runs one is stuck, one was in fog and arrived, one was in fog and did not."""
     runs = pd.DataFrame({"context_size": 3, "reason": ["", "stuck", "fog", "fog"]})
     ax = numbers.reasons(Figure().subplots(), runs)
     heights = {bars.get_label(): (bars[0].get_y(), bars[0].get_height()) for bars in ax.containers}
-    expected = {"touched fog": (0, 0.5), "never arrived: stuck": (0.5, 0.25), "never arrived: other": (0.75, 0)}
+    expected = {"was in fog": (0, 0.5), "never arrived: stuck": (0.5, 0.25), "never arrived: other": (0.75, 0)}
     assert heights == expected
 
 
 def test_the_reason_of_a_failure(results: dict[str, Results]) -> None:
-    """By construction: who touched fog arrived, too; who did not arrive has stopped."""
+    """By construction: who was in fog arrived, too; who did not arrive has stopped."""
     runs = failures.with_reasons(results["exp5"])
     assert (runs["reason"] == "").equals(runs["success"])
     assert set(runs.loc[runs["steps_in_fog"] > 0, "reason"]) == {"fog"}

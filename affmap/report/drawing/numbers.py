@@ -4,7 +4,7 @@ They know colours and labels, and neither files nor figures.
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -27,6 +27,15 @@ from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, Value
 
 HUGE, LINEAR = 300, 20
 """nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
+
+KIND_COLORS = {
+    "free": "#332288",
+    "touching": "#8c8c8c",
+    "entering": "#CC6677",
+    "inside": "#88CCEE",
+    "leaving": "#DDCC77",
+}
+"""Kind of step -> colour (Tol)."""
 
 REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6677"}
 
@@ -277,6 +286,70 @@ def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes
         ax.set_ylabel(f"median step error\n(nats, log beyond ±{LINEAR})")
         ax.margins(y=0.1)
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), frameon=False, handlelength=0.9, fontsize=6.5)
+    return ax
+
+
+def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Factor = CONTEXT_SIZE) -> Axes:
+    """How far from fog runs ended that never arrived, a point each; dashed: the edge of fog.
+
+    Args:
+        ax: where to draw.
+        ends: one row per run, see `failures.end_distances`.
+        values: of the factor on the x axis, in their order.
+        x: that factor.
+    """
+    places = ends[x.column].map({value: place for place, value in enumerate(values)}).to_numpy(float)
+    # Points side by side, in a fixed order: runs that ended at about the same distance stay visible.
+    spread = 0.6 * ((np.arange(len(ends)) * 0.618) % 1 - 0.5)
+    ax.axhline(0, color=EFFECTS["fog"].color, lw=1.2, ls="--", zorder=0)
+    ax.plot(places + spread, ends["distance"], ls="", marker="o", ms=2.5, mew=0, color="0.2", alpha=0.6)
+    ax.set_xticks(range(len(values)), [str(value) for value in values])
+    ax.set(xlabel=x.label, ylabel="u", xlim=(-0.6, len(values) - 0.4))
+    return ax
+
+
+def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTEXT_SIZE) -> Axes:
+    """Losses of one kind of step: medians and means over steps, over the factor that tells trainings apart.
+
+    Points are medians over members, lines their quartiles. Very large losses have a logarithmic axis.
+
+    Args:
+        ax: where to draw.
+        steps: one row per training and member, with `kind`, `median` and `mean` (nats).
+        kind: one of the kinds of step.
+        factor: on the x axis.
+    """
+    chosen = steps[steps["kind"] == kind]
+    values = list(dict.fromkeys(steps[factor.column]))
+    for column, marker, face in (("median", "o", "0.15"), ("mean", "D", "white")):
+        found = chosen.groupby(factor.column)[column].describe().reindex(values)
+        low, middle, high = (found[quartile].to_numpy() for quartile in ("25%", "50%", "75%"))
+        place = np.arange(len(values)) + (0.12 if column == "mean" else -0.12)
+        ax.vlines(place, low, high, color="0.15", lw=0.9)
+        ax.plot(place, middle, ls="", ms=4, color="0.15", label=f"{column} step", marker=marker, mfc=face)
+    ax.set_xticks(range(len(values)), [str(value) for value in values])
+    ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
+    if chosen["mean"].max() > HUGE:
+        ax.set_yscale("symlog", linthresh=LINEAR)
+    return ax
+
+
+def contributions(ax: Axes, steps: pd.DataFrame, kinds: Sequence[str]) -> Axes:
+    """How much kinds of step add to the mean loss over the epochs, medians over members.
+
+    Args:
+        ax: where to draw.
+        steps: one row per member, epoch, world and kind, of one training.
+        kinds: to draw, in their order.
+    """
+    total = steps.groupby(["member", "epoch"])["steps"].sum()
+    sums = (steps["steps"] * steps["mean"]).groupby([steps["member"], steps["epoch"], steps["kind"]]).sum()
+    share = sums.unstack("kind").div(total, axis=0)
+    medians = share.groupby("epoch").median()
+    for kind in kinds:
+        ax.plot(medians.index, medians[kind], marker=".", ms=4, lw=1.2, color=KIND_COLORS[kind], label=kind)
+    ax.plot(medians.index, share.sum(axis=1).groupby("epoch").median(), lw=1.2, ls=":", color="0.1", label="all")
+    ax.set(xlabel="epoch")
     return ax
 
 

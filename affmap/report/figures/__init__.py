@@ -18,6 +18,7 @@ FIGURES: dict[str, Callable[[Results, ReportSettings], Figure | None]] = {
     "growth": pictures.growth,
     "world": pictures.worlds,
     "exploration": pictures.exploration,
+    "steps": numbers.steps,
     "outcomes": numbers.outcomes,
     "failures": numbers.failures,
 }

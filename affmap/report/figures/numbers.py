@@ -15,6 +15,7 @@ from affmap.report.figures import pictures
 from affmap.report.figures.files import new_figure
 from affmap.results import failures as failing
 from affmap.results.examples import MAX_ROWS
+from affmap.results.files import EVERYWHERE, KINDS
 from affmap.results.metrics import extra_metrics
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
@@ -135,6 +136,33 @@ def shown_outcomes(settings: ReportSettings) -> list[str]:
     return [*(["mean_distance"] if settings.outcome != "mean_distance" else []), *extra_metrics()]
 
 
+def steps(results: Results, settings: ReportSettings) -> Figure:
+    """Validation losses by kind of step: at the end of training, and what each kind adds to the mean over epochs."""
+    table = results.steps[results.steps["world"] == EVERYWHERE]
+    factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
+    first = table[table[LAYOUT.column] == table[LAYOUT.column].iloc[-1]]  # of the layout that an experiment is about
+    last = first[first["epoch"] == first["epoch"].max()]
+    kinds = [kind for kind in KINDS if kind in set(last["kind"])]
+    values = list(dict.fromkeys(last[factor.column]))
+    grown = list(dict.fromkeys([values[0], values[len(values) // 2], values[-1]]))
+    several = first["epoch"].nunique() > 1
+    figure = new_figure(2.3 * (1 + several))
+    grid = figure.add_gridspec(1 + several, 1)
+    top = grid[0].subgridspec(1, len(kinds)).subplots(squeeze=False)[0]
+    for ax, kind in zip(top, kinds, strict=True):
+        panels.step_losses(ax, last, kind, factor).set_title(kind, loc="left")
+    top[0].set_ylabel("loss of a step (nats)")
+    figure.legend(*top[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False)
+    if several:
+        bottom = grid[1].subgridspec(1, len(grown)).subplots(squeeze=False)[0]
+        for ax, value in zip(bottom, grown, strict=True):
+            panels.contributions(ax, first[first[factor.column] == value], kinds)
+            ax.set_title(factor.format(value), loc="left")
+        bottom[0].set_ylabel("part of the mean loss (nats)")
+        bottom[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), frameon=False, handlelength=0.9)
+    return figure
+
+
 def failures(results: Results, settings: ReportSettings) -> Figure | None:
     """Why runs fail, and where: a row of panels for each planner or layout."""
     if not failing.are_of_interest(results):
@@ -142,9 +170,10 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
     runs = failing.with_reasons(results)
     groups = make_groups(results, settings)
     num_rows = min(MAX_ROWS, len(groups.names))
+    fog = any(failing.has_fog(results, setting) for setting in results.settings)
     figure = new_figure(0.5 + 1.9 * num_rows)
-    rows = figure.subplots(num_rows, 3, squeeze=False, width_ratios=(1.0, 1.15, 1.15))
-    for (bars, middle, right), (value, name) in zip(rows, groups.names.items(), strict=False):
+    rows = figure.subplots(num_rows, 3 + fog, squeeze=False, width_ratios=(1.0, 1.15, 1.15, *[1.0] * fog))
+    for (bars, middle, right, *rest), (value, name) in zip(rows, groups.names.items(), strict=False):
         panels.reasons(bars, runs[runs[groups.column] == value], results.x)
         same = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
         row = results.where({key: each for key, each in same.items() if key != results.x.key})
@@ -153,13 +182,16 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
         if len(set(flown)) == 1:
             found = failing.places(results, row)
-            arena.heat(middle, found.fog, flown[0]).set_title(f"fog first touched ({len(found.fog)})", loc="left")
+            arena.heat(middle, found.fog, flown[0]).set_title(f"fog first entered ({len(found.fog)})", loc="left")
             arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
         else:  # a place in the arena says nothing where every run has a world of its own
             things = failing.with_nearest(results, row)
             panels.nearest(middle, things, results.x).set_title("never arrived: nearest thing", loc="left")
             steps = failing.step_errors(results, row)
             panels.step_errors(right, steps, results.x).set_title("errors outside fog", loc="left")
+        for ax in rest:
+            panels.fog_distances(ax, failing.end_distances(results, row), results.x_values, results.x)
+            ax.set_title("ends: distance to fog", loc="left", fontsize=8)
     entries: dict[str, Artist] = {}
     for ax in rows[:, :2].ravel():
         entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}

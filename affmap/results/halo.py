@@ -1,0 +1,42 @@
+"""The halo of fog: how much wider models take it to be than it is. Pure functions of the predicted deviations."""
+
+import numpy as np
+
+from affmap.env.geometry import Mask, circle_distance, reachable
+from affmap.env.layout import Layout
+from affmap.results.files import Deviations, Floats
+
+WIDTH = 0.05
+"""u beyond the edge of fog, about a pixel of the view."""
+
+UNCERTAIN = 0.1
+"""u; a predicted deviation above it takes a place for fog, whose noise is ten times as large."""
+
+
+def fog_distance(positions: Floats, layout: Layout, radius: float) -> Floats:
+    """How far a vehicle of `radius` (u) at `positions` `[..., 2]` is from being in fog, `[...]` in u; negative in it.
+
+    Infinite where there is no fog.
+    """
+    fog = [circle for circle in layout.circles if circle.effect == "fog"]
+    distances = [circle_distance(positions, circle) - layout.reach(circle, radius) for circle in fog]
+    return np.min(distances, axis=0) if distances else np.full(positions.shape[:-1], np.inf)
+
+
+def halo(deviations: Deviations, layout: Layout, radius: float) -> Floats:
+    """Share of the places just outside fog that each member takes for fog, `[M]`: a step from there has no noise."""
+    distance = fog_distance(deviations.nodes, layout, radius)
+    return _uncertain(deviations, layout, radius, (distance >= 0) & (distance <= WIDTH))
+
+
+def haze(deviations: Deviations, layout: Layout, radius: float) -> Floats:
+    """The same share of the places farther away, `[M]`."""
+    return _uncertain(deviations, layout, radius, fog_distance(deviations.nodes, layout, radius) > WIDTH)
+
+
+def _uncertain(deviations: Deviations, layout: Layout, radius: float, places: Mask) -> Floats:
+    """Share of the reachable ones of some nodes with a large deviation along x or y, `[M]`; NaN where there is none."""
+    chosen = deviations.std[:, places & reachable(deviations.nodes, layout, radius)]  # [M, nodes, 2]
+    if not chosen.shape[1]:
+        return np.full(len(chosen), np.nan)
+    return np.asarray((chosen.max(-1) > UNCERTAIN).mean(1))
