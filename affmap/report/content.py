@@ -73,7 +73,13 @@ def experiment(results: Results, scores: Sequence[Score], settings: ReportSettin
     return [
         blocks.heading("Summary"),
         *([blocks.paragraph(sentences.verdict_count(scores))] if scores else []),
-        blocks.bullets([*sentences.changes(results, settings), *sentences.uncrossable(results, settings)]),
+        blocks.bullets(
+            [
+                *sentences.changes(results, settings),
+                *sentences.bounds(results, settings),
+                *sentences.uncrossable(results, settings),
+            ]
+        ),
         blocks.heading("What was run"),
         blocks.paragraph(sentences.setting(results)),
         blocks.table(["Stage", "Folders", "Seconds in total, all attempts together"], costs),

@@ -7,6 +7,7 @@ from affmap.results import provenance
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, listed, number, span
+from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
 from affmap.results.statistics import Outcome, Verdict
 from affmap.results.tables import Results
@@ -69,6 +70,20 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
             who = f" ({name_of(factor, value, settings)})" if table[factor.column].nunique() > 1 else ""
             kind = "Share of successful runs" if metric == "success" else f"Median {METRICS[metric].name}"
             sentences.append(f"{kind}{who}: {', '.join(dict.fromkeys(ends))}.".replace(" share at", " at"))
+    return sentences
+
+
+def bounds(results: Results, settings: ReportSettings) -> list[str]:
+    """What agents without a model reach, a sentence for each."""
+    runs, metric = results.baseline_runs, settings.outcome
+    sentences = []
+    for agent, of_agent in runs.groupby(PLANNER.column, sort=False):
+        groups = of_agent.groupby(LAYOUT.column, sort=False)[metric]
+        centers = {readable(str(name), settings): number(center(values, metric)) for name, values in groups}
+        where = [f"{value} ({name})" if len(centers) > 1 else value for name, value in centers.items()]
+        unit = "" if METRICS[metric].unit == "share" else f" {METRICS[metric].unit}"
+        kind = "share of successful runs" if metric == "success" else f"median {METRICS[metric].name}"
+        sentences.append(f"Agent “{agent}”, without a model: {kind} {', '.join(where)}{unit}.")
     return sentences
 
 

@@ -219,10 +219,12 @@ def _experiment(chapter: Chapter, scores: Sequence[Score], names: Sequence[str])
         blocks.bullets(
             [
                 *sentences.findings(scores),
+                *sentences.bounds(chapter.results, chapter.settings),
                 *sentences.uncrossable(chapter.results, chapter.settings),
                 sentences.spikes(chapter.results),
             ]
         ),
         *content.figures(names, names, texts, f"{chapter.output.name}/"),
         *content.medians(chapter.results, chapter.settings, level=2),
+        *content.baselines(chapter.results, chapter.settings, level=2),
     ]
