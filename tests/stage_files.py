@@ -136,7 +136,7 @@ def _write_job(
 
 def _ensure(root: Path, stage: str, config: dict[str, Any], write: Callable[[Path], None]) -> tuple[Path]:
     """The folder of a stage, named by its configuration; written where it is missing."""
-    digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+    digest = hashlib.sha256(json.dumps([stage, config], sort_keys=True).encode()).hexdigest()[:12]
     folder = root / stage / digest
     if folder.exists():
         return (folder,)

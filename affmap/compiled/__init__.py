@@ -32,10 +32,10 @@ def switched(wanted: bool) -> Iterator[None]:
 
 def enabled() -> bool:
     """Whether compiled loops are to be used: numba is installed, and nobody has switched them off."""
-    return _wanted and _installed()
+    return _wanted and installed()
 
 
 @cache
-def _installed() -> bool:
+def installed() -> bool:
     """Whether numba can compile; `NUMBA_DISABLE_JIT=1` is its own switch, for debugging."""
     return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0") and find_spec("numba") is not None

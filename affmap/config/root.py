@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
-from affmap.control.registry import PLANNER, AnyAgent
+from affmap.compiled import installed
+from affmap.control.registry import PLANNER, AnyAgent, OracleSettings
 from affmap.control.settings import ControlSettings
 from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
@@ -154,6 +155,21 @@ class Config(Settings):
                 raise ValueError(
                     f"output = {shown(str(self.output))} would be published as {shown(str(self.published))}, where "
                     f"{key} is; give it another name."
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check_oracle(self) -> Self:
+        if isinstance(self.agent, OracleSettings):
+            if self.planner.kind == "gradient":
+                raise ValueError(
+                    f"agent = {self.agent.kind!r} imagines with the true physics, which has no gradients for planner = "
+                    "'gradient'; say planner=cem."
+                )
+            if not installed():
+                raise ValueError(
+                    f"agent = {self.agent.kind!r} needs numba, which is not installed; leave it out, of "
+                    "baselines as well: baselines=[straight,random]."
                 )
         return self
 

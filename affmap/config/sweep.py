@@ -73,13 +73,15 @@ class Sweep(NamedTuple):
         if not first.baselines or first.report.compare:
             return None
         fixed = {key: value for key, value in self.swept[0].items() if key not in BASELINE_KEYS}
-        dropped = {*fixed, "agent", "baselines", "growth", "output"}
+        dropped = {*fixed, "agent", "baselines", "growth", "name", "output"}
         if first.planner.kind == "gradient":
-            dropped |= {"planner", *(key for key in _keys(self.overrides) if key.startswith("planner."))}
-            fixed["planner"] = "cem"
+            own = {key for key in _keys(self.overrides) if key.partition(".")[0] == "planner"}
+            dropped |= own
+            fixed = {key: value for key, value in fixed.items() if key not in own} | {"planner": "cem"}
         kept = [str(each.input_line) for each in parse(self.overrides) if each.key_or_group not in dropped]
-        fixed |= {"growth": "null", "baselines": "[]", "output": str(first.output / "baselines")}
         fixed.pop("agent", None)
+        own_names = {"name": f"{first.name}/baselines", "output": str(first.output / "baselines")}
+        fixed |= {"growth": "null", "baselines": "[]", **own_names}
         lines = [f"{key}={value}" for key, value in fixed.items()]
         return Sweep.read([*kept, *lines, f"agent={','.join(first.baselines)}"])
 

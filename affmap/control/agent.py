@@ -128,8 +128,8 @@ def check_channels(agent: Agent, layout: Layout) -> None:
 
 
 def seeds_of(controller: Controller) -> tuple[int, ...]:
-    """The seeds of an agent's members; 0 alone for a controller that is no `Agent`."""
-    return controller.seeds if isinstance(controller, Agent) else (0,)
+    """The seeds of an agent's members; 0 alone for a controller that does not plan."""
+    return controller.seeds if isinstance(controller, PlanningAgent) else (0,)
 
 
 def prediction_error(decision: Decision, delta: Tensor) -> Tensor:

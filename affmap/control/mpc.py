@@ -44,6 +44,11 @@ class PlanningAgent(ABC):
         """Take a planner and the numbers of control."""
         self.planner, self.settings = planner, settings
 
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The members' own seeds, M of them; 0 alone where nothing is learned."""
+        return (0,)
+
     @abstractmethod
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
         """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u; `carry` as in `objective`."""

@@ -53,11 +53,11 @@ class Oracle(PlanningAgent):
             step_std: standard deviation of a true step outside fog, u.
 
         Raises:
-            ConfigError: numba is not installed, or compiled loops are switched off.
+            ConfigError: numba is not installed.
         """
         super().__init__(planner, settings)
-        if not compiled.enabled():
-            raise ConfigError("an oracle needs compiled loops; install numba, and do not say compiled=false.")
+        if not compiled.installed():
+            raise ConfigError("an oracle needs numba, which is not installed.")
         from affmap.env.twin import Twin  # needs numba
 
         self.vehicle, self.step_std = vehicle, step_std
@@ -68,16 +68,7 @@ class Oracle(PlanningAgent):
         return Oracle(layouts, self.vehicle, self.planner, self.settings, self.step_std)
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
-        """See `PlanningAgent.imagine`.
-
-        Raises:
-            ConfigError: a gradient is wanted.
-        """
-        if torch.is_grad_enabled() and actions.requires_grad:
-            raise ConfigError("the true physics has no gradients; take a planner that needs none, such as planner=cem.")
-        return self._imagine(observation, actions, carry)
-
-    def _imagine(self, observation: Observation, actions: Tensor, carry: Carry | None) -> Gaussian:
+        """See `PlanningAgent.imagine`."""
         mean = self.true_path(observation, actions)
         return Gaussian(mean, self.true_log_std(observation, mean))
 
@@ -136,11 +127,17 @@ class HalfOracle(Oracle):
         agent = self.agent.elsewhere([layout.map for layout in layouts])
         return HalfOracle(agent, layouts, self.vehicle, self.true_mean, self.step_std)
 
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Those of the agent's members."""
+        return self.agent.seeds
+
     def initial_carry(self, num_problems: int) -> Carry:
         """That of the agent."""
         return self.agent.initial_carry(num_problems)
 
-    def _imagine(self, observation: Observation, actions: Tensor, carry: Carry | None) -> Gaussian:
+    def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
+        """See `PlanningAgent.imagine`."""
         if not self.true_mean:
             mean = self.agent.imagine(observation, actions, carry).mean
             return Gaussian(mean, self.true_log_std(observation, mean))
@@ -160,4 +157,6 @@ class HalfOracle(Oracle):
 
 
 def _array(tensor: Tensor) -> np.ndarray:
+    if tensor.requires_grad and torch.is_grad_enabled():
+        raise ConfigError("the true physics has no gradients; take a planner that needs none, such as planner=cem.")
     return tensor.detach().cpu().numpy()

@@ -45,11 +45,7 @@ def captions(results: Results, scores: Sequence[Score], settings: ReportSettings
             "The affordance map of one member after different numbers of epochs of a longer training, in one basis: "
             f"colours can be compared between the panels. {_COLORS}"
         ),
-        "world": (
-            "The worlds: circles by what they do, borders (frame), the squares that starts and goals are drawn from "
-            "(red, dashed), and the vehicle to scale (green). Where every run has a world of its own, those of the "
-            f"first {pictures.NUM_WORLDS} runs are shown."
-        ),
+        "world": _world(results, settings),
         "exploration": _exploration(results, settings),
         "steps": (
             "Validation losses by kind of step. Above: at the end of training, the median step and the mean of all "
@@ -60,6 +56,18 @@ def captions(results: Results, scores: Sequence[Score], settings: ReportSettings
         "outcomes": _outcomes(results, settings),
         "failures": _failures(results, settings),
     }
+
+
+def _world(results: Results, settings: ReportSettings) -> str:
+    shown = pictures.shown_worlds(results, settings).values()
+    acts = {world.acts for world in shown if any(circle.effect not in ("obstacle", "none") for circle in world.circles)}
+    where = {"center": "where its centre is inside", "rim": "as soon as it overlaps them"}
+    terrains = f" Fog and force fields act on it {' or '.join(where[each] for each in sorted(acts))}." if acts else ""
+    return (
+        "The worlds: circles by what they do, borders (frame), the squares that starts and goals are drawn from "
+        f"(red, dashed), and the vehicle to scale (green).{terrains} Where every run has a world of its own, those of "
+        f"the first {pictures.NUM_WORLDS} runs are shown."
+    )
 
 
 def _results(results: Results, scores: Sequence[Score], settings: ReportSettings) -> str:

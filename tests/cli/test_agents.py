@@ -37,7 +37,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_agents_share_everything_but_control(swept: Path) -> None:
     """One data set, training and map; a folder for each job, that of a planner named as before there were agents."""
     made = [path.parent.name for path in (swept / "store").glob("*/*") if path.is_dir()]
-    assert {name: made.count(name) for name in made} == {"data": 1, "train": 1, "map": 1, "control": 3}
+    assert {name: made.count(name) for name in made} == {"data": 1, "train": 1, "predict": 1, "map": 1, "control": 3}
     folders = {path.name for path in (swept / "output/jobs").iterdir() if path.is_dir()}
     assert folders == {"0_context1_cem", "1_context1_random", "2_context1_straight"}
 

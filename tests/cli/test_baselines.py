@@ -86,7 +86,10 @@ def test_running_it_again_changes_nothing(
     before = contents(swept)
     monkeypatch.chdir(swept)
     assert in_process(monkeypatch, "affmap", line(swept, *SWEEP)) == 0
-    assert capsys.readouterr().out == "single: 2 of 2 settings are complete.\n" * 2
+    assert (
+        capsys.readouterr().out
+        == "single: 2 of 2 settings are complete.\nsingle/baselines: 2 of 2 settings are complete.\n"
+    )
     assert contents(swept) == before
 
 

@@ -67,7 +67,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_sweep_completes_every_stage_once(swept: Path) -> None:
     """One data set, two of everything else; every folder whole, nothing half-made, nothing written elsewhere."""
-    counts = {"data": 1, "train": 2, "map": 2, "control": 2}
+    counts = {"data": 1, "train": 2, "predict": 2, "map": 2, "control": 2}
     assert {path.name for path in (swept / "store").iterdir()} == set(counts)
     for stage, count in counts.items():
         folders = [path for path in (swept / "store" / stage).iterdir() if path.suffix != ".lock"]
@@ -516,7 +516,7 @@ def test_a_report_and_all_that_it_comes_from_can_be_checked(
     capsys.readouterr()
     assert in_process(monkeypatch, "affmap-report", [*arguments, "--check"]) == 0
     assert (
-        capsys.readouterr().out == f"7 stages and the report in {folder / 'output'}: every file is as it was written.\n"
+        capsys.readouterr().out == f"9 stages and the report in {folder / 'output'}: every file is as it was written.\n"
     )
     table = folder / "output/tables/runs.csv"
     table.write_text(table.read_text().replace("0.", "1.", 1))
@@ -526,7 +526,7 @@ def test_a_report_and_all_that_it_comes_from_can_be_checked(
     assert in_process(monkeypatch, "affmap-report", ["--check", *more]) == 1
     told = capsys.readouterr().err
     assert f"{table} is not as it was written." in told and f"{weights} is damaged; remove the folder" in told
-    assert told.count(" is missing.") == 3  # the third setting's training, maps and control
+    assert told.count(" is missing.") == 4  # the third setting's training, predictions, maps and control
 
 
 @pytest.mark.parametrize("entry", ["affmap-report", "affmap-publish"])
@@ -540,7 +540,7 @@ def test_flags_are_not_swallowed(
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--help"], "planner: cem, gradient"),
+        (["--help"], "planner: cem, cem_icem, gradient"),
         (["experiment=exp1", "model.context_size=3", "--cfg", "job"], "context_size: 3"),
     ],
 )

@@ -7,14 +7,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from affmap.config import compose, sweep
+from affmap.config import compose, root, sweep
 from affmap.config.root import Config, label
+from affmap.control.registry import OracleSettings
 from affmap.control.straight import StraightAgent
+from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural
 from affmap.pipeline.job import open_store
 from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
@@ -157,6 +160,10 @@ BAD: list[tuple[str, Any, str]] = [
     ("control_layout", "moon", "does not exist"),
     ("control_layout", "fog", "a model sees the same ones everywhere"),
     ("map_layout", "three_looks", "a model sees the same ones everywhere"),
+    ("acts", "edge", "'center' or 'rim'"),
+    ("acts", True, "'center' or 'rim'"),
+    ("baselines", "oracle", "valid tuple"),
+    ("baselines", [3], "valid string"),
     ("objective", "fame", "'validation_nll', 'mean_distance' or 'success'"),
     ("growth", 3, "valid string"),
     ("vehicle.radius", -0.06, "greater than 0"),
@@ -204,7 +211,8 @@ BAD: list[tuple[str, Any, str]] = [
     ("planner.initial_variance", 0.0, "greater than 0"),
     ("planner.momentum", 1, "less than 1"),
     ("planner.learning_rate", 0.1, "not a known key"),
-    ("agent.kind", "oracle", "'planner' or 'random' or 'straight'"),
+    ("agent.kind", "pilot", "'oracle' or 'true_mean' or 'true_deviation' or 'planner' or 'random' or 'straight'"),
+    ("agent.std", 0.0005, "not a known key"),
     ("agent.slow_distance", 0.3, "not a known key"),
     ("control.num_steps", 0, "greater than 0"),
     ("control.runs_per_member", 0, "greater than 0"),
@@ -249,6 +257,19 @@ def test_bad_values_of_the_gradient_planner_are_named() -> None:
             checked(values, **{f"planner__{key}": value})
     with pytest.raises(ConfigError, match=r"planner.momentum = 0.1 is not a known key"):
         checked(values, planner__momentum=0.1)
+
+
+def test_bad_values_of_agents_that_know_the_physics_are_named() -> None:
+    """The keys that other agents do not have."""
+    for agent in ("oracle", "true_mean", "true_deviation"):
+        values = by_hand(agent=agent)
+        for std in (0.0, -0.1, math.inf):
+            with pytest.raises(ConfigError, match=rf"agent.std = {std} is not allowed"):
+                checked(values, agent__std=std)
+        with pytest.raises(ConfigError, match=r"agent.foresight = 8 is not a known key"):
+            checked(values, agent__foresight=8)
+        with pytest.raises(ConfigError, match=r"agent.std is missing; add the key"):
+            checked(values, agent={"kind": agent})
 
 
 def test_every_key_of_every_group_has_a_bad_value_above() -> None:
@@ -365,6 +386,9 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("map_layout", "two_obstacles", "map"),
     ("world", "two_obstacles", ""),  # its name; the layouts follow it in Hydra's composition
     ("growth", "other", ""),
+    ("acts", "rim", ""),  # as the layout itself says, by saying nothing
+    ("acts", "center", "data train map control"),
+    ("baselines", ["oracle", "random"], ""),
     ("objective", "success", ""),
     ("vehicle.contact_damping", 15.0, "data train map control"),
     ("seed", 1, "train map control"),
@@ -389,6 +413,9 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("planner.momentum", 0.2, "control"),
     ("agent", {"kind": "planner"}, ""),
     ("agent", {"kind": "random"}, "control"),
+    ("agent", {"kind": "oracle", "std": 0.0005}, "control"),
+    ("agent", {"kind": "true_mean", "std": 0.0005}, "control"),
+    ("agent", {"kind": "true_deviation", "std": 0.0005}, "control"),
     ("agent", {"kind": "straight", "foresight": 8, "slow_distance": 0.3}, "control"),
     ("training.accelerator", "gpu", ""),
     ("control.device", "cuda", ""),
@@ -474,6 +501,39 @@ def test_lists_make_trials_if_they_have_one_length(lists: dict[str, list[float]]
         assert found.model_dump(mode="json") == plain.model_dump(mode="json") | lists
 
 
+def all_layouts(config: Config) -> list[Layout | Procedural]:
+    return [*config.training_layouts, config.control_layout, config.map_layout]
+
+
+@pytest.mark.parametrize("acts", ["center", "rim"])
+@pytest.mark.parametrize("line", [["experiment=exp5"], ["experiment=exp4"], ["world=original"]])
+def test_one_key_says_where_terrains_act_in_all_layouts(line: list[str], acts: Acts) -> None:
+    """Each layout's own file with this one value; also of a world that is drawn, and of no key, as the files say."""
+    plain, told = sweep.jobs(sweep.complete(line)), sweep.jobs(sweep.complete([*line, f"acts={acts}"]))
+    assert len(plain) == len(told)
+    for before, after in zip(plain, told, strict=True):
+        for own, layout in zip(all_layouts(before), all_layouts(after), strict=True):
+            assert own == type(own).load("layout", own.name)
+            assert layout == type(own).load("layout", own.name, acts=acts)
+        if isinstance(after.control_layout, Procedural):
+            assert after.control_layout.draw(np.random.default_rng(0)).acts == acts
+
+
+def test_layouts_that_act_at_the_rim_have_the_names_they_had_before_they_could_say_so(own_layouts: Path) -> None:
+    """Experiment V with `acts=rim`, against the same files without the key; as they are, every stage is another one."""
+    line = ["experiment=exp5", "model.context_size=0"]
+    told, plain = (sweep.jobs(sweep.complete([*line, *more])) for more in (["acts=rim"], []))
+    for path in own_layouts.glob("*.yaml"):
+        path.write_text("".join(row for row in path.read_text().splitlines(True) if not row.startswith("acts:")))
+    read.cache_clear()
+    before = sweep.jobs(sweep.complete(line))
+    assert len(before) == 2
+    for without, rim, center in zip(before, told, plain, strict=True):
+        assert "acts" not in str([layout.plain for layout in all_layouts(without)])
+        assert digests(rim) == digests(without)
+        assert not set(digests(center).values()) & set(digests(rim).values())
+
+
 def test_planners_share_models_and_context_sizes_share_data() -> None:
     """Experiment I: one data set, a training and a map a context size, a control stage a job."""
     counts = [len({digests(job)[name] for job in jobs("exp1", "full")}) for name in STAGES]
@@ -512,6 +572,10 @@ def test_seeds_planners_and_labels() -> None:
     (config,) = sweep.jobs(["agent=straight", "model.context_size=5"])
     assert isinstance(config.agent, StraightAgent) and config.controller == "straight"
     assert label(config) == "original, context size 5, straight, map of 0.02 u"
+    for name in ("oracle", "true_mean", "true_deviation"):
+        (config,) = sweep.jobs([f"agent={name}", "agent.std=0.01"])
+        assert config.agent == OracleSettings(kind=name, std=0.01) and config.controller == name
+        assert label(config) == f"original, context size 8, {name}, map of 0.02 u"
     (config,) = sweep.jobs([])
     assert isinstance(config.planner, CEMPlanner) and config.controller == "cem"
     with pytest.raises(Exception, match="frozen"):
@@ -526,3 +590,16 @@ def test_only_the_reference_s_models_are_looked_for_in_the_reference(values: Val
         kept.mkdir(parents=True, exist_ok=True)
         (kept / "provenance.json").write_text("{}")
         assert open_store(config).has(TRAIN.of(config)) == expected
+
+
+@pytest.mark.parametrize("kind", ["oracle", "true_mean", "true_deviation"])
+def test_what_an_oracle_cannot_do_is_said_before_anything_runs(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gradients of the true physics, and flights without numba; compiled loops may be switched off."""
+    with pytest.raises(ConfigError, match=f"agent = .{kind}. .* no gradients for planner = .gradient.; say planner=cem"):
+        ConfigError, match=f"agent = '{kind}' .* no gradients for planner = 'gradient'; say planner=cem"
+    ):
+        sweep.jobs([f"agent={kind}", "planner=gradient"])
+    assert sweep.jobs([f"agent={kind}", "compiled=false"])[0].agent.kind == kind
+    monkeypatch.setattr(root, "installed", lambda: False)
+    with pytest.raises(ConfigError, match=r"needs numba, .* baselines=\[straight,random\]"):
+        sweep.jobs([f"agent={kind}", "seed=77"])

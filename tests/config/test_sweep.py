@@ -6,6 +6,9 @@ from collections.abc import Sequence
 import pytest
 
 from affmap.config import sweep
+from affmap.config.sweep import Sweep
+from affmap.pipeline.stage import TRAIN
+from affmap.planning.cem import CEMPlanner
 from affmap.settings import ConfigError
 
 EXP1 = ["planner=cem,gradient", "model.context_size=0,1,3,5,8"]
@@ -99,6 +102,103 @@ def test_another_experiment_with_the_same_command_line() -> None:
     swept = ("planner", "world", "model.context_size")
     assert sweep.instead(line, "exp3_growth", swept) == ["scale=smoke", "++seed=3", "experiment=exp3_growth"]
     assert sweep.instead(["output=a"], "exp1", ("output",)) == ["experiment=exp1"]
+
+
+def flown(line: Sequence[str]) -> list[tuple[str, str, int, int]]:
+    """Agent, layout, first seed and number of members of each job of the baselines of a command line."""
+    baselines = Sweep.read(line).baselines()
+    assert baselines is not None
+    return [(job.controller, job.control_layout.name, job.seed, job.members) for job in baselines.configs]
+
+
+AGENTS = ("oracle", "straight", "random")
+
+
+@pytest.mark.parametrize(
+    ("line", "places"),
+    [
+        (["experiment=exp1"], ["original"]),
+        (["experiment=exp2"], ["original", "two_obstacles", "twelve_obstacles"]),
+        (["experiment=exp3"], ["original", "three_looks"]),
+        (["experiment=exp4"], ["fog"]),
+        (["experiment=exp5"], ["procedural_easy", "procedural_hard"]),
+        (["experiment=exp5", "control_layout=procedural_hard"], ["procedural_hard"]),
+    ],
+)
+def test_baselines_fly_in_every_layout_of_their_experiment(line: list[str], places: list[str]) -> None:
+    """By hand: three agents in each layout, all members at once, with the model of the first context size."""
+    assert flown(line) == [(agent, place, 0, 25) for agent in AGENTS for place in places]
+    sweep, baselines = Sweep.read(line), Sweep.read(line).baselines()
+    assert baselines is not None
+    assert {job.model.context_size for job in baselines.configs} == {0} == {sweep.first.model.context_size}
+    assert {job.planner for job in baselines.configs} == {sweep.first.planner}
+    trained = {TRAIN.of(job).digest for job in sweep.configs}
+    assert {TRAIN.of(job).digest for job in baselines.configs} <= trained, "they need no training of their own"
+    for job in baselines.configs:
+        assert job.output == sweep.first.output / "baselines"
+        assert (job.growth, job.baselines, job.store) == (None, (), sweep.first.store)
+    assert baselines.companions() == []
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ["planner=gradient"],
+        ["planner=gradient,cem"],
+        ["planner=gradient", "planner.decay=0.9", "++planner.learning_rate=0.1"],
+        ["planner=gradient", "planner.decay=0.9,0.99"],
+    ],
+)
+def test_baselines_of_a_planner_that_follows_gradients_plan_with_the_other(more: list[str]) -> None:
+    """As `conf/planner/cem.yaml` says: the true physics has no gradients; the gradient's keys are gone."""
+    line = ["experiment=exp1", *more]
+    assert Sweep.read(line).first.planner.kind == "gradient"
+    baselines = Sweep.read(line).baselines()
+    assert baselines is not None
+    assert [job.planner for job in baselines.configs] == [CEMPlanner.load("planner", "cem")] * 3
+
+
+def test_baselines_take_the_first_value_of_what_has_nothing_to_do_with_them() -> None:
+    """By hand: of planner, context size, horizon and spacing; what the line says once stays, as all of its scale."""
+    line = ["experiment=exp1", "planner=cem,gradient", "planner.horizon=5,10", "lookup.spacing=0.1,0.02"]
+    baselines = Sweep.read([*line, "model.context_size=3,8", "control.beta=2", "scale=smoke"]).baselines()
+    assert baselines is not None and len(baselines.configs) == 3
+    for job in baselines.configs:
+        assert job.planner == CEMPlanner.load("planner", "cem", horizon=5, num_iterations=3)
+        assert (job.lookup.name, job.model.context_size, job.control.beta) == ("map of 0.1 u", 3, 2.0)
+        assert job.members == 2 and job.notice is not None
+
+
+def test_baselines_are_divided_as_the_members_are() -> None:
+    """By hand: members of 0 to 9 in two jobs, for each agent; a folder given for the output is that of both reports."""
+    line = ["experiment=exp1", "seed=0,5", "members=5", "output=here"]
+    assert flown(line) == [(agent, "original", seed, 5) for seed in (0, 5) for agent in AGENTS]
+    baselines = Sweep.read(line).baselines()
+    assert baselines is not None and {str(job.output) for job in baselines.configs} == {"here/baselines"}
+    assert flown(["experiment=exp1", "members=2,3", "seed=1"]) == [
+        (agent, "original", 1, members) for members in (2, 3) for agent in AGENTS
+    ]
+
+
+def test_baselines_are_those_that_are_named() -> None:
+    """By hand; agents of the experiment itself do not count, and without any, or in a comparison, there are none."""
+    assert flown(["experiment=exp1", "baselines=[straight]"]) == [("straight", "original", 0, 25)]
+    assert flown(["baselines=[random,oracle]", "agent=straight"]) == [
+        ("random", "original", 0, 25),
+        ("oracle", "original", 0, 25),
+    ]
+    assert flown(["experiment=exp1", "agent=planner,random"]) == [(agent, "original", 0, 25) for agent in AGENTS]
+    for line in ([], ["experiment=exp1", "baselines=[]"], ["experiment=exp1", "report.compare=planner"]):
+        assert Sweep.read(line).baselines() is None and Sweep.read(line).companions() == []
+    with pytest.raises(ConfigError, match=r"Could not find 'agent/moon'.*oracle"):
+        Sweep.read(["experiment=exp1", "baselines=[moon]"]).baselines()
+
+
+def test_the_longer_training_and_the_baselines_belong_to_experiment_3() -> None:
+    """Both, in this order; the longer training has no baselines."""
+    growth, baselines = Sweep.read(["experiment=exp3"]).companions()
+    assert growth.first.name == "exp3_growth" and growth.companions() == []
+    assert [job.controller for job in baselines.configs] == [agent for agent in AGENTS for _ in range(2)]
 
 
 def test_a_bad_value_in_one_job_of_a_sweep_is_told_before_any_starts() -> None:

@@ -373,13 +373,20 @@ def test_a_planner_that_follows_gradients_is_refused(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", makers())
-def test_without_compiled_loops_it_says_what_it_needs(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Switched off, and as if numba were not installed: one sentence with the remedy."""
-    sentence = "an oracle needs compiled loops; install numba, and do not say compiled=false."
-    with compiled.switched(False), pytest.raises(ConfigError) as caught:
-        makers()[kind]((4,), [FOG])
-    assert str(caught.value) == sentence
-    monkeypatch.setattr(compiled, "_installed", lambda: False)
+def test_without_numba_it_says_what_it_needs(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if it were not installed; where compiled loops are only switched off, there is no other twin to fly with."""
+    with compiled.switched(False):
+        assert isinstance(makers()[kind]((4,), [FOG]), Oracle)
+    monkeypatch.setattr(compiled, "installed", lambda: False)
     with pytest.raises(ConfigError) as caught:
         makers()[kind]((4,), [FOG])
-    assert str(caught.value) == sentence
+    assert str(caught.value) == "an oracle needs numba, which is not installed."
+
+
+def test_a_half_oracle_flies_the_runs_of_its_members() -> None:
+    """`affmap.fly`: starts and seeds are those of the agent itself."""
+    settings = SETTINGS.model_copy(update={"num_steps": 2})
+    half = one_half((3, 7), [FOG], True)
+    half.settings = settings
+    half.agent.settings = settings
+    assert affmap.fly(half, FOG).table["member"].tolist() == [3] * 4 + [7] * 4

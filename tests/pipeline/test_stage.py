@@ -52,7 +52,7 @@ def names(config: Config) -> dict[str, str]:
 def test_a_new_key_at_its_neutral_value_renames_no_stage(values: dict[str, Any]) -> None:
     """The stages of the configuration that lacks it, whether the key is left out or written."""
     before = names(Config.checked(values, "here"))
-    del before["map"], before["control"]  # they depend on `models`, which is no new key in truth
+    del before["predict"], before["map"], before["control"]  # they depend on `models`, which is no new key in truth
     written = values | {"model": values["model"] | {"kind": "mlp"}}
     for later in (values, written):
         found = names(Later.checked(later, "here"))
@@ -62,10 +62,10 @@ def test_a_new_key_at_its_neutral_value_renames_no_stage(values: dict[str, Any])
 def test_a_new_key_at_another_value_renames_what_depends_on_it(values: dict[str, Any]) -> None:
     first = names(Later.checked(values, "here"))
     recurrent = names(Later.checked(values | {"model": values["model"] | {"kind": "gru"}}, "here"))
-    assert {name for name in first if first[name] != recurrent[name]} == {"train", "map", "control"}
+    assert {name for name in first if first[name] != recurrent[name]} == {"train", "predict", "map", "control"}
     circles = [circle | {"height": 1.0} for circle in values["map_layout"]["circles"]]
     high = names(Later.checked(values | {"map_layout": values["map_layout"] | {"circles": circles}}, "here"))
-    assert {name for name in first if first[name] != high[name]} == {"map"}
+    assert {name for name in first if first[name] != high[name]} == {"predict", "map"}
 
 
 def test_what_was_written_before_a_key_existed_is_read_as_if_it_had_it(values: dict[str, Any]) -> None:

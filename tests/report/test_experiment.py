@@ -32,7 +32,7 @@ SVG = "data:image/svg+xml;base64,"
 NOTICE = "SMOKE RUN: 2 members, 2 epochs; not a result"
 MISSING = "2 of 4 settings are not complete (C = 16, 32)."
 COMMAND = "make exp1 SCALE=smoke"
-ALWAYS = {"results", "trajectories", "maps", "world", "exploration", "outcomes"}
+ALWAYS = {"results", "trajectories", "maps", "world", "exploration", "outcomes", "steps"}
 DRAWN = {
     "exp1": ALWAYS,
     "exp2": ALWAYS,
@@ -135,7 +135,10 @@ class Page(HTMLParser):
 
 @pytest.mark.parametrize("name", DRAWN)
 def test_everything_that_was_promised_is_there(reports: dict[str, Path], name: str) -> None:
-    tables = {f"tables/{table}" for table in ("runs.csv", "validation.csv", "claims.csv", "medians.csv", "claims.md")}
+    tables = {
+        f"tables/{table}"
+        for table in ("runs.csv", "validation.csv", "steps.csv", "claims.csv", "medians.csv", "claims.md")
+    }
     drawn = {f"figures/{figure}.{kind}" for figure in DRAWN[name] for kind in ("png", "pdf", "svg")}
     written = {path.relative_to(reports[name]).as_posix() for path in reports[name].rglob("*") if path.is_file()}
     assert written == tables | drawn | {"report.pdf", "report.html", "provenance.json", manifest.DRAWN_BY}
@@ -312,8 +315,8 @@ def test_the_notice_is_red_at_the_head_of_the_document(tmp_path: Path) -> None:
 
 def test_provenance_lists_each_stage_once_and_only_what_differs(reports: dict[str, Path]) -> None:
     origin = json.loads((reports["exp1"] / "provenance.json").read_text("utf-8"))
-    assert len(origin["stages"]) == 1 + 2 + 2 + 4
-    assert origin["seconds"] == pytest.approx(9 * 12.5)
+    assert len(origin["stages"]) == 1 + 2 + 2 + 2 + 4
+    assert origin["seconds"] == pytest.approx(11 * 12.5)
     assert origin["versions"] == [{"affmap": "0.1.0", "torch": "2.13.0", "numpy": "2.4.6"}]
     trained = [stage["differs"] for stage in origin["stages"] if stage["stage"] == "train"]
     assert trained == [{}, {"model.context_size": 8}]
@@ -357,11 +360,12 @@ def test_the_paper_has_every_claim_and_what_is_missing(whole: Path) -> None:
 
 
 def test_what_two_experiments_share_is_counted_once(results: dict[str, Results]) -> None:
-    """By hand: Experiment II adds no data and no training; its two new worlds have a map and a control each."""
+    """By hand: Experiment II adds no data and no training; its two new worlds have the other three stages each."""
     first, second = provenance.costs([results["exp1"], results["exp2"]])
-    assert [(cost.stage, cost.folders) for cost in first] == [("data", 1), ("train", 2), ("map", 2), ("control", 4)]
-    assert [(cost.stage, cost.folders) for cost in second] == [("data", 0), ("train", 0), ("map", 4), ("control", 4)]
-    assert [cost.seconds for cost in second] == [0.0, 0.0, 50.0, 50.0]
+    stages = ("data", "train", "predict", "map", "control")
+    assert [tuple(cost)[:2] for cost in first] == [*zip(stages, (1, 2, 2, 2, 4), strict=True)]
+    assert [tuple(cost)[:2] for cost in second] == [*zip(stages, (0, 0, 4, 4, 4), strict=True)]
+    assert [cost.seconds for cost in second] == [0.0, 0.0, 50.0, 50.0, 50.0]
 
 
 def test_the_paper_refuses_figures_of_other_results(

@@ -22,7 +22,7 @@ from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
 SWEEP = ["world=fog", "model.context_size=1", "control.beta=0,1,10", "planner=cem,gradient", "training.num_epochs=1"]
-FIGURES = {"results", "trajectories", "maps", "world", "exploration", "outcomes", "failures"}
+FIGURES = {"results", "trajectories", "maps", "world", "exploration", "outcomes", "failures", "steps"}
 
 
 @pytest.fixture(scope="module")
