@@ -22,7 +22,7 @@ from affmap.results.setting import Setting
 STORED = Path(__file__).parent / "golden" / "toy"
 VERSIONS = STORED / "versions.json"
 DEFINITIONS = {definition.name: definition for definition in (DATA, TRAIN, PREDICT, MAP, CONTROL)}
-SWEEP = ["world=fog", "model.context_size=2", "planner=cem,gradient", "training.snapshot_epochs=[1]"]
+SWEEP = ["world=fog", "acts=rim", "model.context_size=2", "planner=cem,gradient", "training.snapshot_epochs=[1]"]
 TOLERANCE = 1e-3
 """Relative and absolute, as in `tests/test_splits.py`: another processor rounds differently."""
 

@@ -595,9 +595,7 @@ def test_only_the_reference_s_models_are_looked_for_in_the_reference(values: Val
 @pytest.mark.parametrize("kind", ["oracle", "true_mean", "true_deviation"])
 def test_what_an_oracle_cannot_do_is_said_before_anything_runs(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gradients of the true physics, and flights without numba; compiled loops may be switched off."""
-    with pytest.raises(ConfigError, match=f"agent = .{kind}. .* no gradients for planner = .gradient.; say planner=cem"):
-        ConfigError, match=f"agent = '{kind}' .* no gradients for planner = 'gradient'; say planner=cem"
-    ):
+    with pytest.raises(ConfigError, match=f"agent = '{kind}' .* has no gradients for .*; say planner=cem"):
         sweep.jobs([f"agent={kind}", "planner=gradient"])
     assert sweep.jobs([f"agent={kind}", "compiled=false"])[0].agent.kind == kind
     monkeypatch.setattr(root, "installed", lambda: False)
