@@ -208,17 +208,19 @@ def _failures(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
     if any(len(set(results.worlds(job))) > 1 for job in results.settings):
         others = (
-            "Middle: of the runs that never arrived, whether they were in fog or not, what the vehicle was nearest to "
-            "at its end, or deepest inside of. Right: median prediction error of single steps, by the number of "
+            "Second: of the runs that never arrived, whether they were in fog or not, what the vehicle was nearest to "
+            "at its end, or deepest inside of. Third: median prediction error of single steps, by the number of "
             "circles that acted on the vehicle (training has no place with more than one); steps in fog are left "
             "out, because there the reported positions are noise."
         )
     else:
         others = (
-            f"Middle and right: where runs with a context size {contexts} first entered fog, and where those that "
+            f"Second and third: where runs with a context size {contexts} first entered fog, and where those that "
             "never arrived were at their end (their numbers in brackets; a run may be in both), in runs per cell of "
             f"{CELL} u where there are many."
         )
+    if any(failures.has_fog(results, job) for job in results.settings):
+        others += " Last: how far from fog runs that never arrived were at their end (u; dashed: its edge)."
     names = make_groups(results, settings).names.values()
     some = f" Rows: {listed(list(names)[:MAX_ROWS])} only." if len(names) > MAX_ROWS else ""
     return (

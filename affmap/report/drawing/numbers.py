@@ -280,7 +280,7 @@ def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes
         curve = medians[value]
         ax.plot(curve.index, curve, marker=".", ms=4, lw=1, color=color, label=x.format(value))
     ax.set_xticks(range(failures.MANY + 1), [*map(str, range(failures.MANY)), f"{failures.MANY}+"])
-    ax.set(xlabel="circles overlapped", ylabel="median step error (nats)")
+    ax.set(xlabel="circles that act", ylabel="median step error (nats)")
     if medians.max() > LINEAR:
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.set_ylabel(f"median step error\n(nats, log beyond ±{LINEAR})")
@@ -303,7 +303,7 @@ def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Fact
     spread = 0.6 * ((np.arange(len(ends)) * 0.618) % 1 - 0.5)
     ax.axhline(0, color=EFFECTS["fog"].color, lw=1.2, ls="--", zorder=0)
     ax.plot(places + spread, ends["distance"], ls="", marker="o", ms=2.5, mew=0, color="0.2", alpha=0.6)
-    ax.set_xticks(range(len(values)), [str(value) for value in values])
+    _name_places(ax, values)
     ax.set(xlabel=x.label, ylabel="u", xlim=(-0.6, len(values) - 0.4))
     return ax
 
@@ -327,7 +327,7 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
         place = np.arange(len(values)) + (0.12 if column == "mean" else -0.12)
         ax.vlines(place, low, high, color="0.15", lw=0.9)
         ax.plot(place, middle, ls="", ms=4, color="0.15", label=f"{column} step", marker=marker, mfc=face)
-    ax.set_xticks(range(len(values)), [str(value) for value in values])
+    _name_places(ax, values)
     ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
     if chosen["mean"].max() > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)
@@ -360,9 +360,14 @@ def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Ma
         heights = table[kind].to_numpy()
         ax.bar(range(len(table)), heights, 0.75, bottom, color=colors[kind], ec="black", lw=0.6, label=name)
         bottom += heights
-    ax.set_xticks(range(len(table)), [str(size) for size in table.index])
+    _name_places(ax, list(table.index))
     ax.set(xlabel=x.label, ylabel="share of runs", ylim=(0.0, 1.0))
     return ax
+
+
+def _name_places(ax: Axes, values: Sequence[Any]) -> None:
+    """Name the places 0, 1, ... on the x axis, so that many names stay apart in a narrow panel."""
+    ax.set_xticks(range(len(values)), [str(value) for value in values], fontsize=6 if len(values) > 5 else None)
 
 
 def _unpredicted(ax: Axes, name: str) -> Axes:

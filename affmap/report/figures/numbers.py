@@ -186,12 +186,12 @@ def failures(results: Results, settings: ReportSettings) -> Figure | None:
             arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
         else:  # a place in the arena says nothing where every run has a world of its own
             things = failing.with_nearest(results, row)
-            panels.nearest(middle, things, results.x).set_title("never arrived: nearest thing", loc="left")
+            panels.nearest(middle, things, results.x).set_title("never arrived: nearest", loc="left")
             steps = failing.step_errors(results, row)
             panels.step_errors(right, steps, results.x).set_title("errors outside fog", loc="left")
         for ax in rest:
             panels.fog_distances(ax, failing.end_distances(results, row), results.x_values, results.x)
-            ax.set_title("ends: distance to fog", loc="left", fontsize=8)
+            ax.set_title("distance to fog", loc="left")
     entries: dict[str, Artist] = {}
     for ax in rows[:, :2].ravel():
         entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
