@@ -170,45 +170,105 @@ def shares(path: str, by: str) -> pd.DataFrame:
     return (100 * runs.groupby(["layout", by])[["success", "reached"]].mean()).round().astype(int)
 
 
-def test_what_is_said_about_experiment_5_is_in_its_tables() -> None:
-    """`causes.md` against the runs and losses."""
+def percent(path: str, value: str, layout: str, column: str, metric: str = "success") -> str:
+    """The mean of a metric over the runs of a factor's value, in a layout, as `causes.md` writes it."""
+    runs = pd.read_csv(ROOT / "runs/reference" / path / "tables/runs.csv").astype({column: str})
+    return f"{100 * runs[(runs['layout'] == layout) & (runs[column] == value)][metric].mean():.0f} %"
+
+
+def test_what_is_said_about_success_in_experiment_5_is_in_its_tables() -> None:
+    """`causes.md` and README against the runs; Page's trend test by SciPy."""
     causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
-    easy = shares("exp5", "context_size").loc["procedural_easy"]
-    success = easy["success"][easy.index > 0]
-    assert f"With a context {success.min()} % to {success.max()} % of the runs succeed" in causes
-    assert f"without one {easy['success'][0]} %. Without a context {easy['reached'][0]} % of the runs arrive" in causes
-    assert f"with 32 units {easy['reached'][32]} % do" in causes
-    assert shares("exp5", "context_size").loc["procedural_hard"]["success"].max() <= 10
-    iterations = shares("factors/v_iterations", "planner_num_iterations").loc["procedural_easy"]["success"]
-    assert f"is {iterations[10]} % and {iterations[20]} % instead of {iterations[5]} %" in causes
-    beta = shares("factors/beta", "control_beta").loc["procedural_easy"]
-    assert f"with beta = 0 it is {beta['success'][0]} %, with Experiment IV's 10 only {beta['success'][10]} %" in causes
-    assert beta["reached"][10] < 50, "most agents never arrive"
-    few = shares("factors/worlds", "context_size")["success"]
-    told = (
-        f"{few['procedural_few_easy', 8]} % succeed in easy worlds and {few['procedural_few_hard', 8]} % in hard ones"
+    readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    easy, hard = ("procedural_easy", "procedural_hard")
+    (e32, e0), (h32, h0) = (
+        [percent("exp5", size, layout, "context_size") for size in ("32", "0")] for layout in (easy, hard)
     )
-    assert told in causes
-    losses = pd.read_csv(ROOT / "runs/reference/exp5/tables/validation.csv")
-    losses = losses.groupby(["context_size", "epoch"])[["training_nll", "validation_nll"]].median().round(2)
-    epochs = {name: losses.loc[size, name] for size, name in ((0, "training_nll"), (32, "validation_nll"))}
-    at = {epoch: f"{epochs['validation_nll'][epoch]:.2f}".replace("-", "−") for epoch in (200, 500)}
-    assert f"is {at[200]} nats after 200 epochs and {at[500]} at the end" in causes
-    start, end = (f"{epochs['training_nll'][epoch]:.2f}".replace("-", "−") for epoch in (50, 500))
-    assert f"from {start} nats after 50 epochs to {end} at the end" in causes
-    at_end = pd.read_csv(ROOT / "runs/reference/exp5/tables/validation.csv").query("epoch == 500")
-    matrix = at_end.pivot(index="member", columns="context_size", values="validation_nll")
-    for last, p in ((32, "there is no trend (Page p {:.2f})"), (16, "from 1 to 16 the loss falls (p {:.3f})")):
-        assert p.format(page_trend_test(matrix.loc[:, 1:last].iloc[:, ::-1]).pvalue) in causes
-    runs = pd.read_csv(ROOT / "runs/reference/exp5/tables/runs.csv").query("layout == 'procedural_easy'")
-    matrix = runs.pivot_table(index="member", columns="context_size", values="success", aggfunc="mean").loc[:, 1:]
-    assert f"it is significant, too (p {page_trend_test(matrix.astype(float)).pvalue:.4f}" in causes
-    clipping = pd.read_csv(ROOT / "runs/reference/factors/v_clipping/tables/training_transition_max_norm.csv")
-    loss = clipping[clipping["metric"] == "validation_nll"].iloc[0]
-    told = f"ends at {loss['mean_b']:.2f} nats instead of {loss['mean_a']:.2f}".replace("-", "−")
-    assert told in causes
+    assert f"Of the easy runs {e32} succeed with 32 context units and {e0} without a context" in causes
+    assert f"of the hard ones {h32} and {h0};" in causes
+    assert f"{e32} of the easy runs succeed and {h32} of the hard ones, without a context {e0} and {h0}" in readme
+    baselines = pd.read_csv(ROOT / "runs/reference/exp5/tables/baselines.csv").query("planner == 'oracle'")
+    oracle = [f"{100 * share:.0f} %" for share in baselines.groupby("layout")["success"].mean()[[easy, hard]]]
+    assert f"succeeds in {oracle[0]} of the easy runs and {oracle[1]} of the hard ones" in causes
+    assert f"imagination {oracle[0]} and {oracle[1]}" in readme
+    for crowded, layout, told in (
+        (
+            "procedural_crowded_easy",
+            easy,
+            "{} of the easy runs succeed with both, {} if fog acts as soon as the vehicle ",
+        ),
+        ("procedural_crowded_hard", hard, "In hard worlds it is {}, {}, {} and {}"),
+    ):
+        found = [
+            percent("factors/acts", acts, each, "acts") for each in (layout, crowded) for acts in ("center", "rim")
+        ]
+        assert told.format(*found) in causes
+    crowded = [percent("factors/acts", acts, "procedural_crowded_easy", "acts") for acts in ("center", "rim")]
+    assert "{} with 6 to 10 circles of each property, and {} with neither".format(*crowded) in causes
+    iterations = [percent("factors/v_iterations", n, easy, "planner_num_iterations") for n in ("10", "20")]
+    assert "(10 and 20 iterations: {} and {}, v_iterations)".format(*iterations) in causes
+    beta = [percent("factors/beta", value, easy, "control_beta") for value in ("0.0", "10.0")]
+    assert "with beta = 0 it is {}, with Experiment IV's 10 it is {}".format(*beta) in causes
+    values = {agent: percent("factors/perfect_model", agent, easy, "agent") for agent in AGENTS}
+    told = "success from {planner} to {true_mean}, both halves together to {oracle}. True deviations alone lower it to "
+    assert (told + "{true_deviation}").format(**values) in causes
+    arrive = percent("factors/perfect_model", "true_deviation", easy, "agent", "reached")
+    assert f"nearly as many arrive, {arrive}, but through fog" in causes
+    values = {agent: percent("factors/perfect_model", agent, hard, "agent") for agent in AGENTS}
+    assert "from {planner} to {true_mean}, both halves to {oracle}".format(**values) in causes
+    for layout, told in ((easy, "it is not significant (p {:.3f})"), (hard, "in hard worlds it is (p below 0.001)")):
+        runs = pd.read_csv(ROOT / "runs/reference/exp5/tables/runs.csv").query("layout == @layout")
+        shares = runs.pivot_table(index="member", columns="context_size", values="success", aggfunc="mean")
+        p = page_trend_test(shares.loc[:, 1:].astype(float)).pvalue
+        assert told.format(p) in causes and (p < 0.001) == (layout == hard)
+
+
+AGENTS = ("planner", "true_mean", "true_deviation", "oracle")
+
+
+def test_what_is_said_about_losses_of_experiment_5_is_in_its_tables() -> None:
+    """`causes.md` against losses, by epoch and by kind of step."""
+    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+
+    def said(value: float) -> str:
+        return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")
+
+    tables = ROOT / "runs/reference/exp5/tables"
+    losses = pd.read_csv(tables / "validation.csv").groupby(["context_size", "epoch"]).median(numeric_only=True)
+    one, none = (losses.loc[size, "validation_nll"] for size in (1, 0))
+    assert f"its median is {said(one[100])} nats after 100 epochs and {said(one[500])} at the end" in causes
+    assert f"without a context it is {said(none[100])} and {said(none[500])}" in causes
+    training = losses.loc[0, "training_nll"]
+    assert f"from {said(training[50])} nats after 50 epochs to {said(training[500])}" in causes
+    for size in (5, 8, 16, 32):
+        assert losses.loc[(size, 500), "validation_nll"] < losses.loc[(size, 200), "validation_nll"]
+    steps = pd.read_csv(tables / "steps.csv").query("world == '(all)' and epoch == 500")
+    total = steps.groupby(["context_size", "member"])["steps"].sum()
+    sums = (steps["steps"] * steps["mean"]).groupby([steps["context_size"], steps["member"], steps["kind"]]).sum()
+    parts = sums.unstack("kind").div(total, axis=0).groupby("context_size").median()
+    number = steps.groupby("kind")["steps"].first()
+    assert (
+        f"the {number['entering']} of 48,000 steps of validation that enter fog add {said(parts.loc[0, 'entering'])}"
+        in causes
+    )
+    assert total.iloc[0] == 48_000
+    assert f"the {number['inside']} inside of it {said(parts.loc[0, 'inside'])}" in causes
+    assert f"take {said(parts.loc[0, 'free'] + parts.loc[0, 'touching'])}" in causes
+    assert f"With 32 units steps that enter fog add {said(parts.loc[32, 'entering'])} nats" in causes
+
+
+def test_what_is_said_about_other_verdicts_is_in_their_tables() -> None:
+    """Intervals and p values that `causes.md` quotes."""
+    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
     claims = pd.read_csv(ROOT / "runs/reference/exp3/tables/claims.csv").set_index(["claim", "part"])
     assert f"the interval of the ratio ends at {claims.loc[('III-2', 'a'), 'high']:.4f}" in causes
+    claims = pd.read_csv(ROOT / "runs/reference/exp5/tables/claims.csv").set_index(["claim", "part"])
+    assert f"(p {claims.loc[('V-2', 'error'), 'p']:.3f})" in causes
+    printed = pd.read_csv(ROOT / "runs/reference/factors/printed_rates/tables/claims.csv").set_index("claim")
+    assert f"I-6 holds (p {printed.loc['I-6', 'p']:.3f})" in causes
+    assert f"Page's test has p {printed.loc['I-5', 'p']:.3f} for a rise" in causes
+    runs = pd.read_csv(ROOT / "runs/reference/exp4/tables/runs.csv").query("context_size > 0")
+    assert f"With a context {100 * runs['success'].mean():.0f} % of the runs succeed" in causes
 
 
 def test_the_two_other_pairs_of_obstacles_decide_claim_ii_3_otherwise() -> None:
