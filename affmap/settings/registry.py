@@ -48,7 +48,7 @@ class Registry:
         modules = [module.name for module in iter_modules(import_module(self._package).__path__)]
         # The module with the name of the kind is enough where that is known then; some of the others import torch.
         for names in ([kind] if kind in modules else [], modules):
-            if not any(kind in _kinds(each) for each in self._registered):
+            if not any(kind in [*_kinds(each)] for each in self._registered):
                 self._load(names)
         return _adapter(*sorted(self._registered, key=lambda each: sorted(_kinds(each)))).validate_python(values)
 

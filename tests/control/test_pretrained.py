@@ -120,7 +120,7 @@ def test_a_mistake_is_told(ran: Path) -> None:
         ({"source": ran / "output", "context_size": 1, "members": (0, 1)}, r"members = \[0, 1\] .* one job only"),
         ({"source": "exp1", "members": (25,)}, r"members = \[25\] is not allowed"),
         ({"source": "exp1", "members": ()}, r"members = \[\] is not allowed"),
-        ({"source": "exp1", "planner": "pid"}, "conf/planner holds: cem, cem_icem, gradient, gradient_printed"),
+        ({"source": "exp1", "planner": "pid"}, "conf/planner holds: cem, gradient"),
     ):
         with pytest.raises(ConfigError, match=told):
             affmap.load(**arguments)
