@@ -255,6 +255,13 @@ def test_what_is_said_about_losses_of_experiment_5_is_in_its_tables() -> None:
     assert f"the {number['inside']} inside of it {said(parts.loc[0, 'inside'])}" in causes
     assert f"take {said(parts.loc[0, 'free'] + parts.loc[0, 'touching'])}" in causes
     assert f"With 32 units steps that enter fog add {said(parts.loc[32, 'entering'])} nats" in causes
+    clipping = pd.read_csv(ROOT / "runs/reference/factors/v_clipping/tables/training_transition_max_norm.csv")
+    rows = clipping.set_index(["metric", "context_size"])
+    loss, success = rows.loc[("validation_nll", 0)], rows.loc[("success", 0)]
+    assert f"the mean ends at {said(loss['mean_b'])} nats instead of {said(loss['mean_a'])}" in causes
+    assert f"succeed, {100 * success['mean_b']:.0f} % instead of {100 * success['mean_a']:.0f} %" in causes
+    lower = [said(rows.loc[("validation_nll", size), "difference"]) for size in (8, 32)]
+    assert f"losses are lower with clipping, by {lower[0]} and {lower[1]} nats (v_clipping)" in causes
 
 
 def test_what_is_said_about_other_verdicts_is_in_their_tables() -> None:
