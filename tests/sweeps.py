@@ -75,5 +75,5 @@ def results(folder: Path) -> dict[str, bytes]:
 def undisturbed_sweep(folder: Path) -> Path:
     """The folder of a sweep that nothing happened to."""
     assert finish(start(folder)) == 0, said(folder)
-    assert len(results(folder)) == 1 * 2 + 2 * 4 + 2 * 1 + 2 * 3
+    assert len(results(folder)) == 1 * 2 + 2 * 4 + 2 * 2 + 2 * 1 + 2 * 3
     return folder

@@ -540,7 +540,7 @@ def test_flags_are_not_swallowed(
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--help"], "planner: cem, cem_icem, gradient"),
+        (["--help"], "planner: cem, gradient"),
         (["experiment=exp1", "model.context_size=3", "--cfg", "job"], "context_size: 3"),
     ],
 )
