@@ -121,7 +121,7 @@ def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[
 def predictions(results: Results, settings: ReportSettings) -> list[Block]:
     """Validation losses by kind of step, and how wide models take fog to be."""
     table = results.steps
-    factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
+    factor = results.training_factor
     others = [column for column in results.trainings if column != factor.column]
     last = table[table["epoch"] == table.groupby(results.trainings)["epoch"].transform("max")]
     values = list(dict.fromkeys(last[factor.column]))

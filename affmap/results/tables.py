@@ -131,6 +131,11 @@ class Results(Design):
         """Columns of `validation` that tell trainings apart."""
         return [str(column) for column in self.validation if column not in VALIDATION_COLUMNS]
 
+    @property
+    def training_factor(self) -> Factor:
+        """The factor that tells trainings apart in a picture: that of the x axis, or the context size."""
+        return self.x if self.x.column in self.trainings else CONTEXT_SIZE
+
     @cached_property
     def last_epoch(self) -> pd.DataFrame:
         """`validation` at the last epoch of each training, whose weights control uses."""

@@ -17,7 +17,7 @@ from affmap.results import failures as failing
 from affmap.results.examples import MAX_ROWS
 from affmap.results.files import EVERYWHERE, KINDS
 from affmap.results.metrics import extra_metrics
-from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
+from affmap.results.setting import LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
 
 
@@ -77,7 +77,7 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
     """Learning curves, side by side where models were trained for each layout, or value that colours tell apart."""
     paper = settings.axes.get("validation_nll")
     column = results.color.column if results.color.column in results.trainings else LAYOUT.column
-    factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
+    factor = results.training_factor
     names = x_names_of(results, settings) if factor == results.x and isinstance(results.x_values[0], str) else {}
     alone = column == results.color.column and results.validation[factor.column].nunique() == 1
     if column == factor.column or (alone and results.color != LAYOUT):  # a panel for each curve would say no more
@@ -139,7 +139,7 @@ def shown_outcomes(settings: ReportSettings) -> list[str]:
 def steps(results: Results, settings: ReportSettings) -> Figure:
     """Validation losses by kind of step: at the end of training, and what each kind adds to the mean over epochs."""
     table = results.steps[results.steps["world"] == EVERYWHERE]
-    factor = results.x if results.x.column in results.trainings else CONTEXT_SIZE
+    factor = results.training_factor
     first = table[table[LAYOUT.column] == table[LAYOUT.column].iloc[-1]]  # of the layout that an experiment is about
     last = first[first["epoch"] == first["epoch"].max()]
     kinds = [kind for kind in KINDS if kind in set(last["kind"])]
