@@ -15,6 +15,7 @@ from affmap import compiled
 from affmap.control.agent import Agent, check_channels
 from affmap.control.controller import Observation
 from affmap.control.mpc import PlanningAgent
+from affmap.control.registry import OracleSettings
 from affmap.control.settings import ControlSettings
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
@@ -23,9 +24,6 @@ from affmap.model.rollout import Situation, rollout
 from affmap.model.transition import Carry
 from affmap.planning.planner import Planner
 from affmap.settings import ConfigError
-
-STEP_STD = 0.0005
-"""u; that of `conf/agent/oracle.yaml`."""
 
 
 class Oracle(PlanningAgent):
@@ -41,7 +39,7 @@ class Oracle(PlanningAgent):
         vehicle: Vehicle,
         planner: Planner,
         settings: ControlSettings,
-        step_std: float = STEP_STD,
+        step_std: float | None = None,
     ) -> None:
         """Know the world that all agents fly in, or the worlds of B (member-major).
 
@@ -50,7 +48,7 @@ class Oracle(PlanningAgent):
             vehicle: its physical constants.
             planner: one that needs no gradients: physics has none.
             settings: what plans are for.
-            step_std: standard deviation of a true step outside fog, u.
+            step_std: standard deviation of a true step outside fog, u; None for that of `conf/agent/oracle.yaml`.
 
         Raises:
             ConfigError: numba is not installed.
@@ -60,7 +58,8 @@ class Oracle(PlanningAgent):
             raise ConfigError("an oracle needs numba, which is not installed.")
         from affmap.env.twin import Twin  # needs numba
 
-        self.vehicle, self.step_std = vehicle, step_std
+        self.vehicle = vehicle
+        self.step_std = OracleSettings.load("agent", "oracle").std if step_std is None else step_std
         self._twin = Twin(layouts, vehicle)
 
     def elsewhere(self, layouts: Sequence[Layout]) -> "Oracle":
@@ -103,7 +102,7 @@ class HalfOracle(Oracle):
     """B agents that take one half of what they imagine from a trained agent."""
 
     def __init__(
-        self, agent: Agent, layouts: Sequence[Layout], vehicle: Vehicle, true_mean: bool, step_std: float = STEP_STD
+        self, agent: Agent, layouts: Sequence[Layout], vehicle: Vehicle, true_mean: bool, step_std: float | None = None
     ) -> None:
         """Take a trained agent, whose look-up is of the same worlds.
 

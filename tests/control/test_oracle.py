@@ -13,7 +13,7 @@ import affmap
 from affmap import compiled
 from affmap.control.agent import Agent, ControlSettings, Decision, Observation
 from affmap.control.episodes import bring, control
-from affmap.control.oracle import STEP_STD, HalfOracle, Oracle
+from affmap.control.oracle import HalfOracle, Oracle
 from affmap.control.pilot import Pilot
 from affmap.env.body import THROTTLES, Vehicle
 from affmap.env.layout import Layout
@@ -30,6 +30,7 @@ from affmap.settings import ConfigError, read
 from affmap.view import view
 
 VEHICLE = Vehicle.load("vehicle", "default")
+STEP_STD = 0.0005  # u, as in `conf/agent/oracle.yaml`
 SETTINGS = ControlSettings.load("control", "default")
 H = 6
 PLANNER = CEMPlanner.load("planner", "cem", horizon=H, num_candidates=8, num_iterations=2)
