@@ -143,8 +143,8 @@ def test_the_next_step_is_predicted_in_closed_form() -> None:
     np.testing.assert_allclose(step.log_std, math.log(STEP_STD), rtol=1e-5)
 
 
-def test_the_file_s_deviation_is_the_code_s() -> None:
-    """The one number that stands in two places."""
+def test_whole_and_half_oracles_have_the_same_deviation_outside_fog() -> None:
+    """Their three files; what is compared is only where means and deviations come from."""
     assert {read("agent", name)["std"] for name in ("oracle", "true_mean", "true_deviation")} == {STEP_STD}
 
 
