@@ -13,10 +13,11 @@ SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(
 
 EXPERIMENTS := exp1 exp2 exp3 exp4 exp5
 FACTORS := $(patsubst conf/experiment/%.yaml,%,$(sort $(wildcard conf/experiment/factors/*.yaml)))
+REPLICATIONS := $(filter-out %_growth,$(patsubst conf/experiment/%.yaml,%,$(sort $(wildcard conf/experiment/replication/*.yaml))))
 SEARCHES := training cem gradient
 
 .DEFAULT_GOAL := help
-.PHONY: help setup $(EXPERIMENTS) lookups factors $(FACTORS) tune paper publish play bench gpu docs test slow check format clean
+.PHONY: help setup $(EXPERIMENTS) lookups factors $(FACTORS) replication $(REPLICATIONS) tune paper publish play bench gpu docs test slow check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
@@ -41,7 +42,8 @@ exp4:  ## Experiment IV, uncertainty avoidance: fog
 exp5:  ## Experiment V, disentanglement: four properties in random worlds (an hour)
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
 factors: $(FACTORS)  ## one factor at a time: what decides the claims that do not hold? (half an hour; after paper)
-$(EXPERIMENTS) lookups $(FACTORS): $(READY)
+replication: $(REPLICATIONS)  ## Experiments I, III and V with 100 fresh members: are open claims decided by more of them? (two hours)
+$(EXPERIMENTS) lookups $(FACTORS) $(REPLICATIONS): $(READY)
 	$(BIN)/affmap experiment=$@ $(SETTINGS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
@@ -51,8 +53,8 @@ paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one
 tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (minutes)
 	for name in $(SEARCHES); do $(BIN)/affmap search=$$name $(SETTINGS) && $(BIN)/affmap-report search=$$name $(SETTINGS) || exit 1; done
 
-publish: paper lookups factors  ## keep the reports and models of all experiments in runs/reference
-	for name in $(EXPERIMENTS) lookups $(FACTORS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
+publish: paper lookups factors replication  ## keep the reports and models of all experiments in runs/reference
+	for name in $(EXPERIMENTS) lookups $(FACTORS) $(REPLICATIONS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
 	$(BIN)/affmap-paper $(SETTINGS) --publish
 
 play: $(READY)  ## a window in which to fly, or watch a trained agent imagine and fly
