@@ -54,7 +54,8 @@ tune: $(READY)  ## are the paper's learning rates and planners near the best? Th
 	for name in $(SEARCHES); do $(BIN)/affmap search=$$name $(SETTINGS) && $(BIN)/affmap-report search=$$name $(SETTINGS) || exit 1; done
 
 publish: paper lookups factors replication  ## keep the reports and models of all experiments in runs/reference
-	for name in $(EXPERIMENTS) lookups $(FACTORS) $(REPLICATIONS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
+	for name in $(EXPERIMENTS) lookups $(FACTORS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
+	for name in $(REPLICATIONS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) --report-only || exit 1; done
 	$(BIN)/affmap-paper $(SETTINGS) --publish
 
 play: $(READY)  ## a window in which to fly, or watch a trained agent imagine and fly

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from affmap.cli.app import command
+from affmap.cli.app import command, flags
 from affmap.cli.report import read, report_of
 from affmap.config.root import Config
 from affmap.config.search import Search
@@ -16,10 +16,13 @@ from affmap.store.stage import copy_stage
 WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 """Not kept: vector figures are in the report's own PDF, which is; all figures in the page; all losses in the tables."""
 
+REPORT_ONLY = "--report-only"
+"""Flag: keep no models."""
+
 
 def main() -> None:
-    """`affmap-publish`: keep the report and the models of an experiment in `runs/reference`; of others the report."""
-    command(_publish, about=main.__doc__)
+    """`affmap-publish`: keep report and models of an experiment in `runs/reference`; `--report-only`: no models."""
+    command(_publish, known=[REPORT_ONLY], about=main.__doc__)
 
 
 def check_publishable(config: Config) -> None:
@@ -42,7 +45,7 @@ def _publish(arguments: list[str]) -> None:
     build.check(report)
     place = config.published
     manifest.copy(config.output, place, WITHOUT)
-    if isinstance(asked, Search) or config.report.compare:
+    if isinstance(asked, Search) or config.report.compare or REPORT_ONLY in flags():
         print(f"Kept in {place}")
         return
     part = completed(asked)

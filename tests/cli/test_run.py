@@ -454,7 +454,8 @@ def test_publishing_keeps_report_and_models(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A report of a few stand-in files: tables and pictures are kept, vector figures and logs are not; models are found
-    from then on with `models=reference`. Not kept: smoke runs, and reports of other results."""
+    from then on with `models=reference`. Not kept: smoke runs, reports of other results, models where only the report
+    is wanted."""
     output = tmp_path / "runs" / "exp"
     names = ["report.pdf", "figures/one.png", "figures/one.pdf", "tables/runs.csv"]
     for name in (*names, "jobs/a/affmap.log", "tensorboard/a/events.out.tfevents.1"):
@@ -472,6 +473,8 @@ def test_publishing_keeps_report_and_models(
     (output / "provenance.json").write_text(
         json.dumps({"code": "", "files": {}, "stages": [{"digest": digest} for digest in used]})
     )
+    assert in_process(monkeypatch, "affmap-publish", [*arguments, "--report-only"]) == 0
+    assert [path.name for path in kept.iterdir()] == ["exp"]
     for _ in range(2):  # the second time replaces the first
         assert in_process(monkeypatch, "affmap-publish", arguments) == 0
     capsys.readouterr()

@@ -58,12 +58,19 @@ def by_hand(**options: str) -> Values:
             for key, value in content(path).items():
                 root[key] = {**root[key], **value} if isinstance(root.get(key), dict) else value
         else:
-            root[group] = content(path)
+            root[group] = {key: value for base in _bases(path) for key, value in base.items()}
     root["output"] = root["output"].replace("${name}", root["name"])
     root["training_layouts"] = [name.replace("${world}", root["world"]) for name in root["training_layouts"]]
     for key in ("control_layout", "map_layout"):
         root[key] = root[key].replace("${world}", root["world"])
     return root
+
+
+def _bases(path: Path) -> list[Values]:
+    """A file of a group after those that its defaults name; each may name others."""
+    values = content(path)
+    names = [name.partition("@")[0] for name in values.pop("defaults", [])]
+    return [base for name in names for base in _bases(CONF / f"{name.lstrip('/')}.yaml")] + [values]
 
 
 def checked(values: Values, **changes: Any) -> Config:

@@ -4,6 +4,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -52,6 +53,8 @@ def save(figure: Figure, path: Path, notice: str | None) -> None:
         figure.text(0.5, top, "\n".join(lines), ha="center", va="top", **style)
     figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
     figure.set_layout_engine("none")  # as it was laid out for the first file, once
+    for ax in figure.axes:  # the solver's last digits differ from time to time, and identifiers in an SVG hash them
+        ax.set_position(np.round(ax.get_position(original=True).bounds, 9).tolist())
     figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
 
 
