@@ -27,6 +27,8 @@ TOI_CORRECTIONS, MAX_IMPACTS = 20, 8
 """Corrections at an impact, at the most, and impacts of a step on one thing."""
 DEPTH, TOLERANCE = 3 * LINEAR_SLOP, LINEAR_SLOP / 4
 """u; an impact is the moment at which shapes overlap by this depth, up to the tolerance."""
+TINY = 1e-30
+"""u; stands for a distance of zero."""
 ADVANCES, ROOTS = 20, 50
 """Iterations of the search for that moment, at the most: directions, and moments for each of them."""
 
@@ -160,9 +162,15 @@ def _step(
 
 @inlined
 def _away(solids: Array, s: int, x: float, y: float) -> Any:
-    """The way from a solid thing to a place, and its length; from the centre of a circle."""
+    """The way from a solid thing to a place, and its length; from the centre of a circle.
+
+    Exactly on it the way has no direction; then it is along x from a circle, as in Box2D, and across a border.
+    """
     away_x, away_y = (x - solids[s, 0]) * solids[s, 2], (y - solids[s, 1]) * solids[s, 3]
-    return away_x, away_y, math.hypot(away_x, away_y)
+    distance = math.hypot(away_x, away_y)
+    if distance == 0:
+        return solids[s, 2] * TINY, (1 - solids[s, 2]) * TINY, TINY
+    return away_x, away_y, distance
 
 
 @inlined

@@ -1,6 +1,7 @@
 """The whole configuration with its types: one job of a sweep."""
 
 import os.path
+from collections import Counter
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
@@ -141,6 +142,12 @@ class Config(Settings):
         """The folder that `affmap-publish` keeps the report in, as it has its place beside the store."""
         runs, output = self.store.parent, self.output
         return self.reference.parent / (output.relative_to(runs) if output.is_relative_to(runs) else output.name)
+
+    @model_validator(mode="after")
+    def _check_baselines(self) -> Self:
+        if twice := [name for name, count in Counter(self.baselines).items() if count > 1]:
+            raise ValueError(f"baselines = {list(self.baselines)} has {twice[0]!r} twice; name each agent once.")
+        return self
 
     @model_validator(mode="after")
     def _check_folders(self) -> Self:

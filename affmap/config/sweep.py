@@ -16,6 +16,7 @@ from pydantic import TypeAdapter
 from affmap.config.compose import compose, hydra_errors, parse, values
 from affmap.config.jobs import Checker, expand
 from affmap.config.root import Config
+from affmap.control.registry import is_learned
 from affmap.settings import ConfigError
 from affmap.settings.messages import one_line
 from affmap.store.files import write_json
@@ -65,7 +66,7 @@ class Sweep(NamedTuple):
         return [each for each in (self.growth(), self.baselines()) if each]
 
     def baselines(self) -> "Sweep | None":
-        """The flights of agents without a model: the same members in the same worlds, else at the first job's values.
+        """Flights of agents without a learned model: the same members and worlds, else the first job's values.
 
         They plan as the first job does, but where that follows gradients, which the true physics does not have.
         """
@@ -83,7 +84,13 @@ class Sweep(NamedTuple):
         own_names = {"name": f"{first.name}/baselines", "output": str(first.output / "baselines")}
         fixed |= {"growth": "null", "baselines": "[]", **own_names}
         lines = [f"{key}={value}" for key, value in fixed.items()]
-        return Sweep.read([*kept, *lines, f"agent={','.join(first.baselines)}"])
+        baselines = Sweep.read([*kept, *lines, f"agent={','.join(first.baselines)}"])
+        if learned := [config.agent.kind for config in baselines.configs if is_learned(config.agent)]:
+            raise ConfigError(
+                f"baselines = {list(first.baselines)} has {learned[0]!r}, which imagines with a trained model; sweep "
+                "over it instead, as in agent=planner,true_mean."
+            )
+        return baselines
 
     def growth(self) -> "Sweep | None":
         """The experiment whose growing maps belong to this one, if there is one."""

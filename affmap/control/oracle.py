@@ -51,9 +51,13 @@ class Oracle(PlanningAgent):
             step_std: standard deviation of a true step outside fog, u; None for that of `conf/agent/oracle.yaml`.
 
         Raises:
-            ConfigError: numba is not installed.
+            ConfigError: there is no layout, the standard deviation is not positive, or numba is not installed.
         """
         super().__init__(planner, settings)
+        if not layouts:
+            raise ConfigError("layouts is empty; an oracle needs the world that it flies in.")
+        if step_std is not None and not step_std > 0:
+            raise ConfigError(f"step_std = {step_std} should be above 0 (u).")
         if not compiled.installed():
             raise ConfigError("an oracle needs numba, which is not installed.")
         from affmap.env.twin import Twin  # needs numba
@@ -80,21 +84,34 @@ class Oracle(PlanningAgent):
         """Positions along candidates `[B, N, H, 4]` if the vehicle is where it is reported: `[B, N, H, 2]`, u."""
         num_problems, num_candidates = actions.shape[:2]
         start, delta = (_array(part).repeat(num_candidates, 0) for part in (observation.position, observation.delta))
-        paths = self._twin.fly(self._worlds(num_problems * num_candidates), start, delta, _array(actions.flatten(0, 1)))
+        paths = self._twin.fly(
+            self._worlds(num_problems, num_problems * num_candidates), start, delta, _array(actions.flatten(0, 1))
+        )
         return torch.from_numpy(paths.astype(np.float32)).to(actions.device).unflatten(0, (-1, num_candidates))
 
     def true_log_std(self, observation: Observation, path: Tensor) -> Tensor:
         """Logarithms of the standard deviations of reported positions along paths `[B, N, H, 2]`: `[B, N, H, 2]`."""
         start = observation.position[:, None, None].expand(-1, path.shape[1], -1, -1)
         places = _array(torch.cat([start, path], dim=2))  # [B, N, 1 + H, 2]
-        in_fog = self._twin.in_fog(self._worlds(places[..., 0].size), places.reshape(-1, 2)).reshape(places.shape[:-1])
+        in_fog = self._twin.in_fog(self._worlds(len(places), places[..., 0].size), places.reshape(-1, 2)).reshape(
+            places.shape[:-1]
+        )
         noisy = in_fog[..., 1:].astype(np.float32) + in_fog[..., :-1]  # ends of a step, 0 to 2
         variance = np.cumsum(noisy * self.vehicle.fog_std**2 + self.step_std**2, axis=-1)
         log_std = torch.from_numpy(0.5 * np.log(variance)).to(path)
         return log_std[..., None].expand(path.shape)
 
-    def _worlds(self, number: int) -> np.ndarray:
-        """The number of the world of each of P paths, which are in the order of the problems."""
+    def _worlds(self, num_problems: int, number: int) -> np.ndarray:
+        """The number of the world of each of P paths, which are in the order of the problems.
+
+        Raises:
+            ConfigError: there are several worlds, but not one for each problem.
+        """
+        if len(self._twin) not in (1, num_problems):
+            raise ConfigError(
+                f"the oracle knows {len(self._twin)} worlds, but plans for {num_problems} vehicles; give it one "
+                "layout, or one for each of them."
+            )
         return np.arange(number) * len(self._twin) // number
 
 

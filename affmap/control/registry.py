@@ -37,6 +37,11 @@ class OracleSettings(Settings):
     """Standard deviation of a true step outside fog, u."""
 
 
+def is_learned(agent: Settings) -> bool:
+    """Whether an agent imagines with a trained model, wholly or by half."""
+    return isinstance(agent, AgentSettings) or (isinstance(agent, OracleSettings) and agent.kind != "oracle")
+
+
 AnyAgent = Annotated[AgentSettings | OracleSettings | ConfiguredController, PlainValidator(_registry.choose)]
 """A file of `conf/agent`; its `kind` tells which."""
 

@@ -43,7 +43,11 @@ class Twin:
 
         Returns:
             Positions after each step, `[P, H, 2]` in u.
+
+        Raises:
+            IndexError: there is no such world.
         """
+        self._check(world)
         paths = np.empty((*actions.shape[:2], 2))
         start = position.astype(float), velocity.astype(float)
         fly(self._body, self._worlds, world, *start, np.ascontiguousarray(actions), paths)
@@ -51,9 +55,15 @@ class Twin:
 
     def in_fog(self, world: np.ndarray, position: np.ndarray) -> np.ndarray:
         """Whether vehicles at `position` `[P, 2]` (u) are in fog, `[P]`; `world` as in `fly`."""
+        self._check(world)
         result = np.empty(len(position), bool)
         find_fog(self._fog, world, position.astype(float), result)
         return result
+
+    def _check(self, world: np.ndarray) -> None:
+        """Compiled loops would read whatever lies behind the last world."""
+        if len(world) and not 0 <= world.min() <= world.max() < len(self):
+            raise IndexError(f"world has numbers from {world.min()} to {world.max()}; there are {len(self)} worlds.")
 
 
 def _solids(layout: Layout, vehicle: Vehicle) -> np.ndarray:

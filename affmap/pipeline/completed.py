@@ -19,7 +19,7 @@ class Completed(NamedTuple):
     settings: tuple[Setting, ...]
     growth: Setting | None
     baselines: tuple[Setting, ...]
-    """Of agents without a model."""
+    """Of agents without a learned model."""
     missing: str
     """A sentence about what is not complete; empty if all is."""
 

@@ -16,17 +16,17 @@ from affmap.model.weights import SNAPSHOT, restore
 from affmap.pipeline.train import trained, untrained
 from affmap.results.files import Deviations, write_deviations, write_steps
 from affmap.store.attempt import Attempt
-from affmap.training.steps import kinds, step_losses, summarise
+from affmap.training.steps import classify_steps, step_losses, summarise
 
 
 def make_predictions(config: Config, data: Path, train: Path, attempt: Attempt) -> None:
     """Write the losses of validation steps by their kind, and the deviations that are predicted at the map's nodes."""
     batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
-    kind = kinds(data / DATASET, batches.validation)
+    kinds = classify_steps(data / DATASET, batches.validation)
     worlds = [config.training_layouts[number // config.data.num_sequences].name for number in batches.validation]
     tables = []
     for epoch, stack in _epochs(config, train):
-        table = summarise(step_losses(stack, batches.val_dataloader()), kind, worlds, config.seeds)
+        table = summarise(step_losses(stack, batches.val_dataloader()), kinds, worlds, config.seeds)
         table.insert(1, "epoch", epoch)
         tables.append(table)
     write_steps(attempt.folder, pd.concat(tables))

@@ -105,7 +105,7 @@ def _results(results: Results, scores: Sequence[Score], settings: ReportSettings
         parts.append("(D) Mean distance to the goal in control.")
     if results.baselines:
         parts.append(
-            "Dashed and dotted lines: agents without a model in the same runs, the oracle with the true physics."
+            "Dashed and dotted lines: agents without a learned model in the same runs; the oracle has true physics."
         )
     if len(results.planners) > 1:
         methods = [f"{short_name(kind)}: {PLANNERS[kind].method}" for kind in results.planners if kind in PLANNERS]

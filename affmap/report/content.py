@@ -11,7 +11,7 @@ from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance, scores
 from affmap.results.claims import Score
 from affmap.results.files import EVERYWHERE
-from affmap.results.halo import UNCERTAIN, WIDTH, halo, haze
+from affmap.results.halo import UNCERTAIN, WIDTH, beyond, halo
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number, p_value, span
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings
@@ -152,7 +152,7 @@ def _halo(results: Results, settings: ReportSettings) -> list[Block]:
     rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]
     for size, setting in painted.items():
         place = results.deviations(setting), worlds[size], results.vehicle_radius(setting)
-        for row, shares in zip(rows, (halo(*place), haze(*place)), strict=True):
+        for row, shares in zip(rows, (halo(*place), beyond(*place)), strict=True):
             row.append(f"{np.mean(shares):.0%}")
     return [
         blocks.paragraph(HALO),
@@ -161,7 +161,7 @@ def _halo(results: Results, settings: ReportSettings) -> list[Block]:
 
 
 def baselines(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
-    """What agents without a model reach in the same runs; nothing where there are none."""
+    """What agents without a learned model reach in the same runs; nothing where there are none."""
     runs = results.baseline_runs
     if runs.empty:
         return []
@@ -173,7 +173,7 @@ def baselines(results: Results, settings: ReportSettings, level: int = 1) -> lis
         for (agent, layout), group in runs.groupby([PLANNER.column, LAYOUT.column], sort=False)
     ]
     return [
-        blocks.heading("Agents without a model", level),
+        blocks.heading("Agents without a learned model", level),
         blocks.paragraph(BASELINES),
         blocks.table(["Agent", "Layout", "Runs", *heads], rows),
     ]

@@ -74,7 +74,7 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
 
 
 def bounds(results: Results, settings: ReportSettings) -> list[str]:
-    """What agents without a model reach, a sentence for each."""
+    """What agents without a learned model reach, a sentence for each."""
     runs, metric = results.baseline_runs, settings.outcome
     sentences = []
     for agent, of_agent in runs.groupby(PLANNER.column, sort=False):
@@ -83,7 +83,7 @@ def bounds(results: Results, settings: ReportSettings) -> list[str]:
         where = [f"{value} ({name})" if len(centers) > 1 else value for name, value in centers.items()]
         unit = "" if METRICS[metric].unit == "share" else f" {METRICS[metric].unit}"
         kind = "share of successful runs" if metric == "success" else f"median {METRICS[metric].name}"
-        sentences.append(f"Agent “{agent}”, without a model: {kind} {', '.join(where)}{unit}.")
+        sentences.append(f"Agent “{agent}”, without a learned model: {kind} {', '.join(where)}{unit}.")
     return sentences
 
 

@@ -30,7 +30,7 @@ class Design:
     color_key: str | None = None
     """The key that colours tell apart; None for whatever else is varied."""
     baselines: tuple[Setting, ...] = ()
-    """Flights of agents without a model in the same worlds, where the experiment has them."""
+    """Flights of agents without a learned model in the same worlds, where the experiment has them."""
 
     def __post_init__(self) -> None:
         if not self.settings:

@@ -21,7 +21,7 @@ REASONS = {
     "stuck": "never arrived: stuck",
     "other": "never arrived: other",
 }
-"""Reason -> its name. A run that touched fog counts there, also where it did not arrive."""
+"""Reason -> its name. A run that was in fog counts there, also where it did not arrive."""
 
 
 SURFACE = "surface"
@@ -33,14 +33,14 @@ NEAREST = {SURFACE: "obstacle or border", **_TERRAINS}
 
 
 MANY = 3
-"""So many circles that a vehicle overlaps, or more, are told apart from fewer only."""
+"""Counts of acting circles are capped here: it stands for this many or more."""
 
 
 class Places(NamedTuple):
     """Where runs of one layout went wrong; positions in u. A run may be in both."""
 
     fog: Floats
-    """`[F, 2]` where runs were when they first touched fog."""
+    """`[F, 2]` where runs were when they first were in fog."""
     ended: Floats
     """`[E, 2]` where runs that never arrived were at their end."""
 
@@ -110,10 +110,10 @@ def end_distances(results: Results, settings: Sequence[Setting]) -> pd.DataFrame
 
 
 def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
-    """Prediction errors of single steps, and how many circles the vehicle overlapped when they began.
+    """Prediction errors of single steps, and how many circles acted on the vehicle when they began.
 
     Returns:
-        The value on the x axis, `overlapped` (at most `MANY`, for that many or more) and `prediction_error` (nats) of
+        The value on the x axis, `acting` (at most `MANY`, for that many or more) and `prediction_error` (nats) of
         each step of each run, but for those that begin or end in fog, where what the vehicle reports is noise.
     """
     tables = []
@@ -123,15 +123,15 @@ def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
         errors = -np.sum(predicted.logpdf(paths.position[:, 1:]), axis=-1)
         runs = zip(paths.position, results.worlds(setting), strict=True)
         radius = results.vehicle_radius(setting)
-        counts = [overlapped(positions[:-1], world, radius) for positions, world in runs]
+        counts = [acting(positions[:-1], world, radius) for positions, world in runs]
         clear = ~paths.in_fog
         clear[:, 1:] &= ~paths.in_fog[:, :-1]
-        values = {"overlapped": np.minimum(counts, MANY)[clear], "prediction_error": errors[clear]}
+        values = {"acting": np.minimum(counts, MANY)[clear], "prediction_error": errors[clear]}
         tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], **values}))
     return pd.concat(tables, ignore_index=True)
 
 
-def overlapped(positions: Floats, world: Layout, radius: float) -> NDArray[np.integer]:
+def acting(positions: Floats, world: Layout, radius: float) -> NDArray[np.integer]:
     """Number of circles that act on a vehicle of `radius` (u) at `positions` `[..., 2]` (u): `[...]`."""
     circles = [circle for circle in world.circles if circle.effect != "none"]
     inside = [affected(positions, world, circle, radius) for circle in circles]
@@ -144,8 +144,8 @@ def places(results: Results, settings: Sequence[Setting]) -> Places:
     fog, ended = [], []
     for setting in chosen:
         paths = results.trajectories(setting)
-        touched = paths.in_fog.any(axis=1)
-        first = paths.in_fog[touched].argmax(axis=1) + 1  # a step's end is the next position
-        fog.append(paths.position[touched, first])
+        entered = paths.in_fog.any(axis=1)
+        first = paths.in_fog[entered].argmax(axis=1) + 1  # a step's end is the next position
+        fog.append(paths.position[entered, first])
         ended.append(paths.position[~paths.reached.any(axis=1), -1])
     return Places(np.concatenate(fog), np.concatenate(ended))

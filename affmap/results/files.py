@@ -180,7 +180,7 @@ class Trajectories(NamedTuple):
     touching: NDArray[np.bool_]
     """`[B, T]`: did the vehicle touch a surface at the end of the step?"""
     in_fog: NDArray[np.bool_]
-    """`[B, T]`: did the vehicle overlap fog at the end of the step?"""
+    """`[B, T]`: was the vehicle in fog at the end of the step?"""
     reached: NDArray[np.bool_]
     """`[B, T]`: was it at the goal then?"""
     member: NDArray[np.integer]

@@ -1,4 +1,4 @@
-"""The halo of fog: how much wider models take it to be than it is. Pure functions of the predicted deviations."""
+"""The halo of fog: places just outside of it that models take for fog. Pure functions of the predicted deviations."""
 
 import numpy as np
 
@@ -29,8 +29,8 @@ def halo(deviations: Deviations, layout: Layout, radius: float) -> Floats:
     return _uncertain(deviations, layout, radius, (distance >= 0) & (distance <= WIDTH))
 
 
-def haze(deviations: Deviations, layout: Layout, radius: float) -> Floats:
-    """The same share of the places farther away, `[M]`."""
+def beyond(deviations: Deviations, layout: Layout, radius: float) -> Floats:
+    """The same share of the places farther than `WIDTH` from fog, `[M]`."""
     return _uncertain(deviations, layout, radius, fog_distance(deviations.nodes, layout, radius) > WIDTH)
 
 

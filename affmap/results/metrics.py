@@ -69,7 +69,7 @@ def _steps_touching(paths: Trajectories) -> Column:
 
 
 def _steps_in_fog(paths: Trajectories) -> Column:
-    """Steps at whose end the vehicle overlapped fog."""
+    """Steps at whose end the vehicle was in fog."""
     return paths.in_fog.sum(axis=1)
 
 

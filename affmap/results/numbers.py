@@ -8,10 +8,15 @@ NOTHING = "\N{EN DASH}"
 
 
 def number(value: float | None, digits: int = 2, sign: bool = False) -> str:
-    """A number with a true minus sign; an en dash where there is none."""
+    """A number with a true minus sign; millions and more with an exponent; an en dash where there is none."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    return f"{value:{'+' if sign else ''}.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    form = "+" if sign else ""
+    text = f"{value:{form}.{digits}f}"
+    if abs(value) >= 1e6:
+        mantissa, exponent = f"{value:{form}.1e}".split("e")
+        text = f"{mantissa}e{int(exponent)}"
+    return text.replace("-", "\N{MINUS SIGN}")
 
 
 def p_value(value: float | None) -> str:

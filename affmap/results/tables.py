@@ -58,7 +58,7 @@ class Results(Design):
 
     @cached_property
     def baseline_runs(self) -> pd.DataFrame:
-        """One row per run of the agents without a model, as `runs`; the column `planner` says which agent flew."""
+        """One row per run of agents without a learned model, as `runs`; the column `planner` says which agent flew."""
         if not self.baselines:
             return self.runs.iloc[:0]
         table = pd.concat([read_runs(setting) for setting in self.baselines], ignore_index=True)

@@ -33,7 +33,7 @@ def step_losses(stack: Stack, batches: Iterable[Sequence[Batch]]) -> Tensor:
     return torch.cat(rows, dim=1)
 
 
-def kinds(dataset: Path, sequences: np.ndarray) -> np.ndarray:
+def classify_steps(dataset: Path, sequences: np.ndarray) -> np.ndarray:
     """The kind of every step of some sequences of a data set: indices of `KINDS`, `[S, T]`.
 
     A vehicle is in fog where the position that it reports is not the true one. Steps that touch a surface count as

@@ -125,7 +125,7 @@ def test_the_report_has_them(swept: Path, monkeypatch: pytest.MonkeyPatch, capsy
     assert baselines[baselines["planner"] == "oracle"]["prediction_error"].notna().all()
     assert baselines[baselines["planner"] == "straight"]["prediction_error"].isna().all()
     page = (swept / "output/report.html").read_text("utf-8")
-    assert "Agents without a model" in page
+    assert "Agents without a learned model" in page
     used = {stage["digest"] for stage in json.loads((swept / "output/provenance.json").read_text())["stages"]}
     flown = {CONTROL.of(config).digest for each in asked(swept).companions() for config in each.configs}
     assert len(flown) == 2 and flown <= used
@@ -175,5 +175,24 @@ def test_without_baselines_nothing_of_them_is_drawn(swept: Path, monkeypatch: py
     arguments = [*(each for each in line(swept, *SWEEP) if not each.startswith(("output=", "baselines="))), *places]
     assert in_process(monkeypatch, "affmap-report", arguments) == 0
     assert not (swept / "plain/tables/baselines.csv").exists()
-    assert "Agents without a model" not in (swept / "plain/report.html").read_text("utf-8")
+    assert "Agents without a learned model" not in (swept / "plain/report.html").read_text("utf-8")
     assert completed(asked(swept, "report.compare=model.context_size")).baselines == ()
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ("planner", "has 'planner', which imagines with a trained model; sweep over it instead"),
+        ("oracle,true_mean", "has 'true_mean', which imagines with a trained model"),
+        ("oracle,straight,oracle", "has 'oracle' twice; name each agent once"),
+    ],
+)
+def test_agents_that_are_no_baselines_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], names: str, words: str
+) -> None:
+    """Before anything runs, by every command."""
+    for entry in ("affmap", "affmap-report", "affmap-status"):
+        assert in_process(monkeypatch, entry, line(tmp_path, *SWEEP[:3], f"baselines=[{names}]")) == 2
+        told = capsys.readouterr().err
+        assert words in told and told.count("\n") == 1
+    assert not (tmp_path / "store").exists()

@@ -391,3 +391,15 @@ def test_a_half_oracle_flies_the_runs_of_its_members() -> None:
     half.settings = settings
     half.agent.settings = settings
     assert affmap.fly(half, FOG).table["member"].tolist() == [3] * 4 + [7] * 4
+
+
+def test_an_oracle_says_which_of_its_arguments_is_wrong() -> None:
+    """Worlds that are none, or neither one nor one for each vehicle; a deviation without a logarithm."""
+    with pytest.raises(ConfigError, match="layouts is empty"):
+        oracle([])
+    for std in (0.0, -1.0, math.nan):
+        with pytest.raises(ConfigError, match=r"step_std = (0\.0|-1\.0|nan) should be above 0"):
+            oracle([FOG], step_std=std)
+    made = oracle(WORLDS[:3])
+    with pytest.raises(ConfigError, match=f"knows 3 worlds, but plans for {B} vehicles"):
+        made.act(observations(), made.initial(B), [np.random.default_rng() for _ in range(B)])

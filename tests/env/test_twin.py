@@ -171,3 +171,23 @@ def test_the_vehicle_s_numbers_are_those_of_its_file() -> None:
             expected.append(physics.position)
         path = Twin([layout], vehicle).fly(np.zeros(1, int), begin[None], np.zeros((1, 2)), actions[None])[0]
         np.testing.assert_allclose(path, expected, atol=1e-5)
+
+
+def test_a_vehicle_exactly_on_a_border_or_a_centre_is_pushed_out() -> None:
+    """By hand: there is no direction away there, but the path is finite and leads away; the border's one is across."""
+    layout = world((0.75, 0.5, 0.2, "obstacle"))
+    starts = np.array([[0.0, 1.0], [1.5, 2.0], [0.75, 0.5]])
+    paths = Twin([layout], VEHICLE).fly(np.zeros(3, int), starts, np.zeros((3, 2)), np.zeros((3, HORIZON, 4)))
+    assert np.isfinite(paths).all()
+    moved = np.abs(paths[:, -1] - starts)
+    assert (moved[[0, 1, 2], [0, 1, 0]] > 0.01).all() and (moved[[0, 1, 2], [1, 0, 1]] == 0).all()
+
+
+def test_a_world_that_there_is_not_is_refused() -> None:
+    twin = Twin([world()], VEHICLE)
+    for number in (np.array([1]), np.array([0, -1])):
+        rest = np.ones((len(number), 2)), np.zeros((len(number), 2)), np.zeros((len(number), 1, 4))
+        with pytest.raises(IndexError, match="there are 1 worlds"):
+            twin.fly(number, *rest)
+        with pytest.raises(IndexError, match="there are 1 worlds"):
+            twin.in_fog(number, rest[0])

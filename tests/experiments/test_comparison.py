@@ -131,7 +131,7 @@ def test_what_is_drawn_is_the_table() -> None:
     assert bars[0].get_ydata().tolist() == [found["difference"]] and bars[0].get_xdata().tolist() == [1.0]
     (segment,) = bars[2][0].get_segments()
     np.testing.assert_allclose(segment[:, 1], [found["low"], found["high"]])
-    labels = contrasts.value_axis(ax, ["exact", "0.01"], "map spacing (u)").get_xticklabels()
+    labels = contrasts.value_axis(ax, ["exact", "0.01"]).get_xticklabels()
     assert [label.get_text() for label in labels] == ["exact", "0.01"]
     band = ax.patches[0].get_extents().transformed(ax.transData.inverted())
     assert (band.y0, band.y1) == pytest.approx((-0.05, 0.05))
@@ -143,7 +143,7 @@ def test_several_settings_stand_side_by_side() -> None:
     ax = contrasts.differences(Figure().subplots(), table.query("metric == 'mean_distance'"), [0.0, 0.01])
     places = [bars[0].get_xdata()[0] for bars in ax.containers]
     assert places == pytest.approx([0.925, 1.075])
-    assert ax.get_legend_handles_labels()[1] == ["EB, C = 3", "EB, C = 8"]
+    assert ax.get_legend_handles_labels()[1] == ["C = 3", "C = 8"]
 
 
 def test_the_error_of_context_codes_is_the_mean_over_runs() -> None:

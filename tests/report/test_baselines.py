@@ -1,4 +1,4 @@
-"""Lines, text and tables of agents without a model: heights against medians and means that are computed here."""
+"""Lines, text and tables of agents without a learned model: heights against medians and means computed here."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -181,7 +181,7 @@ def test_the_figures_have_a_line_for_each_agent_and_layout(results: dict[str, Re
             found += 1
         assert found >= 1
         labels = [text.get_text() for legend in drawn.legends for text in legend.get_texts()]
-        assert labels == ["agents without a model:", *AGENTS] and not plain.legends
+        assert labels == ["agents without a learned model:", *AGENTS] and not plain.legends
 
 
 def rows_of(blocks: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
@@ -220,6 +220,6 @@ def test_the_report_writes_their_runs(results: dict[str, Results], tmp_path: Pat
     assert not (tmp_path / "without/tables/baselines.csv").exists()
     for output, expected in (("with", True), ("without", False)):
         page = (tmp_path / output / "report.html").read_text("utf-8")
-        assert ("Agents without a model" in page) == expected
+        assert ("Agents without a learned model" in page) == expected
     runs = [(tmp_path / output / "tables/runs.csv").read_bytes() for output in ("with", "without")]
     assert runs[0] == runs[1]

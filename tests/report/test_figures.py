@@ -77,7 +77,7 @@ def test_a_panel_of_agents_that_predict_nothing_says_so() -> None:
     ax = numbers.boxes(Figure().subplots(), runs, "prediction_error", groups, (-12.0, -8.0))
     assert [text.get_text() for text in ax.texts] == ["no prediction error:\nnothing was predicted"]
     assert not ax.patches and not ax.lines
-    steps = runs.assign(overlapped=[0, 1, 1])
+    steps = runs.assign(acting=[0, 1, 1])
     ax = numbers.step_errors(Figure().subplots(), steps)
     assert [text.get_text() for text in ax.texts] == ["no step error:\nnothing was predicted"] and not ax.lines
     both = pd.concat([runs, runs.assign(planner="cem", prediction_error=[-9.0, -8.0, -7.0])], ignore_index=True)
@@ -168,18 +168,18 @@ def test_errors_of_steps_by_hand(results: dict[str, Results]) -> None:
                 surprise = (paths.position[run, step + 1, axis] - mean) / std
                 error += 0.5 * surprise**2 + np.log(std) + 0.5 * np.log(2 * np.pi)
             expected.append((min(len(over), 3), error))
-    assert steps["overlapped"].tolist() == [count for count, _ in expected]
+    assert steps["acting"].tolist() == [count for count, _ in expected]
     assert steps["prediction_error"].to_numpy() == pytest.approx([error for _, error in expected])
     ax = numbers.step_errors(Figure().subplots(), steps)
-    assert ax.lines[0].get_ydata()[0] == pytest.approx(steps[steps["overlapped"] == 0]["prediction_error"].median())
+    assert ax.lines[0].get_ydata()[0] == pytest.approx(steps[steps["acting"] == 0]["prediction_error"].median())
 
 
-def test_circles_without_effect_are_not_overlapped() -> None:
+def test_circles_without_effect_do_not_act() -> None:
     """By hand: in none, in one, in two of three circles."""
     world = make_world((1.0, 1.0, 0.2, "fog"), (1.2, 1.0, 0.2, "force_up"), (1.0, 1.0, 0.5, "none"))
     places = np.array([[2.0, 1.0], [0.8, 1.0], [1.1, 1.0], [1.46, 1.0]])
-    assert failures.overlapped(places, world, RADIUS).tolist() == [0, 1, 2, 0]
-    assert failures.overlapped(places, make_world(), RADIUS).tolist() == [0, 0, 0, 0]
+    assert failures.acting(places, world, RADIUS).tolist() == [0, 1, 2, 0]
+    assert failures.acting(places, make_world(), RADIUS).tolist() == [0, 0, 0, 0]
 
 
 def test_cells_of_a_heat_map_count_positions(world: Layout) -> None:

@@ -6,7 +6,7 @@ from stage_files import make_world
 
 from affmap.env.layout import Layout
 from affmap.results.files import Deviations
-from affmap.results.halo import UNCERTAIN, WIDTH, fog_distance, halo, haze
+from affmap.results.halo import UNCERTAIN, WIDTH, beyond, fog_distance, halo
 
 RADIUS = 0.06
 WORLD = make_world((1.5, 1.0, 0.3, "fog"), (0.5, 0.5, 0.2, "obstacle"))
@@ -46,11 +46,11 @@ def test_the_halo_is_the_share_of_the_ring_that_is_taken_for_fog() -> None:
 def test_places_farther_away_have_a_share_of_their_own() -> None:
     """Counted node by node: reachable ones beyond the ring."""
     world: Layout = WORLD.model_copy(update={"acts": "center"})
-    found = haze(deviations(0.3 + WIDTH, 0.6), world, RADIUS)
+    found = beyond(deviations(0.3 + WIDTH, 0.6), world, RADIUS)
     x, y = np.meshgrid(X, Y)
     distance = np.hypot(x - 1.5, y - 1.0)
     free = (x > 0.06 - 1e-9) & (x < 2.94 + 1e-9) & (y > 0.06 - 1e-9) & (y < 1.94 + 1e-9)
     free &= np.hypot(x - 0.5, y - 0.5) > 0.26 - 1e-6
-    beyond = free & (distance > 0.3 + WIDTH)
-    np.testing.assert_allclose(found, [0.0, (distance[beyond] < 0.6).mean()], atol=1e-12)
+    outside = free & (distance > 0.3 + WIDTH)
+    np.testing.assert_allclose(found, [0.0, (distance[outside] < 0.6).mean()], atol=1e-12)
     assert 0.001 < UNCERTAIN < 1.0

@@ -16,7 +16,7 @@ from affmap.results.files import EVERYWHERE, KINDS
 from affmap.settings import ConfigError
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
-from affmap.training.steps import kinds, step_losses, summarise
+from affmap.training.steps import classify_steps, step_losses, summarise
 
 EXPLORATION = Exploration.load("data", "default", num_sequences=5, num_steps=120, num_validation=2)
 VEHICLE = Vehicle.load("vehicle", "default")
@@ -62,13 +62,13 @@ def test_kinds_of_steps_by_hand(tmp_path: Path) -> None:
         "touching": np.array([[False, True, True, True, True, False]]),
     }
     np.savez(tmp_path / "dataset.npz", **arrays)
-    found = kinds(tmp_path / "dataset.npz", np.array([0]))
+    found = classify_steps(tmp_path / "dataset.npz", np.array([0]))
     assert [KINDS[kind] for kind in found[0]] == ["free", "entering", "inside", "leaving", "touching", "free"]
 
 
 def test_in_fog_is_what_the_layout_says(folder: Path) -> None:
     """The steps with noise are those that begin or end inside a circle of fog; in the other world there are none."""
-    found = kinds(folder / DATASET, np.arange(10))
+    found = classify_steps(folder / DATASET, np.arange(10))
     positions = np.load(folder / DATASET)["true_position"].astype(float)
     inside = [np.linalg.norm(positions[:5] - circle.center, axis=-1) < circle.radius for circle in WORLDS[0].circles]
     ends = np.any(inside, axis=0)
@@ -97,4 +97,4 @@ def test_the_table_has_a_row_for_what_occurs_in_each_world_and_in_all() -> None:
 def test_a_damaged_data_set_is_told(tmp_path: Path) -> None:
     (tmp_path / "dataset.npz").write_bytes(b"nothing")
     with pytest.raises(ConfigError, match=r"dataset\.npz"):
-        kinds(tmp_path / "dataset.npz", np.array([0]))
+        classify_steps(tmp_path / "dataset.npz", np.array([0]))

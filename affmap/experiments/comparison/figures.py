@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.ticker import SymmetricalLogLocator
 
+from affmap.experiments.comparison.report import format_value
 from affmap.report.drawing.colors import PLAN_COLOR, context_color
 from affmap.report.drawing.numbers import HUGE
 from affmap.report.figures.files import STYLE, new_figure, save
@@ -15,6 +17,9 @@ from affmap.results.metrics import METRICS
 
 SPACING = "lookup.spacing"
 """The key of compared look-ups, whose context codes have errors."""
+
+LEGEND_WIDTH = 120
+"""Characters that fit side by side below the panels."""
 
 
 def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Path, notice: str | None) -> None:
@@ -29,27 +34,27 @@ def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Pa
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lookups = key == SPACING
-    values = list(dict.fromkeys([*table["a"], *table["b"]]))
-    names = [value.replace("_", " ") if isinstance(value, str) else f"{value:g}" for value in values]
-    if lookups:
-        names = ["exact" if value == 0 else name for value, name in zip(values, names, strict=True)]
+    first, others = table["a"].iloc[0], list(dict.fromkeys(table["b"]))
+    names = {value: "exact" if lookups and value == 0 else _readable(value) for value in [first, *others]}
     metrics = list(table["metric"].unique())
     count = len(metrics) + lookups
     rows = -(-count // 4)
     with mpl.rc_context(STYLE):
-        figure = new_figure(0.3 + rows * (1.75 + 0.05 * max(map(len, names))))
+        figure = new_figure(0.6 + rows * (1.75 + 0.05 * max(len(names[value]) for value in others)))
         axes = figure.subplots(rows, -(-count // rows), squeeze=False).ravel()
         for ax in axes[count:]:
             ax.set_axis_off()
         for ax, metric in zip(axes[lookups:], metrics, strict=False):
-            differences(ax, table[table["metric"] == metric], values)
+            differences(ax, table[table["metric"] == metric], others)
+            value_axis(ax, [names[value] for value in others])
         if lookups:
-            code_errors(axes[0], runs, values)
-        for ax in axes[:count]:
-            value_axis(ax, names, "map spacing (u)" if lookups else key)
+            value_axis(code_errors(axes[0], runs, [first, *others]), [*names.values()])
+        compared = f"{'map spacing (u)' if lookups else key}: differences to {names[first]}"
+        figure.suptitle(compared, x=0.01, ha="left", fontsize=8)
         handles, settings = axes[count - 1].get_legend_handles_labels()
         if len(settings) > 1:
-            figure.legend(handles, settings, loc="outside lower center", ncols=5, frameon=False)
+            columns = max(1, min(len(settings), LEGEND_WIDTH // (max(map(len, settings)) + 6)))
+            figure.legend(handles, settings, loc="outside lower center", ncols=columns, frameon=False)
         save(figure, path, notice)
 
 
@@ -77,12 +82,13 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
     Args:
         ax: where to draw.
         table: what `comparison.compare` returned, for one metric.
-        values: what was compared, the first being what the others are compared with.
+        values: what is compared with the first one.
     """
     unit, margin = table["unit"].iloc[0], table["margin"].iloc[0]
     ax.axhspan(-margin, margin, color="0.92", lw=0)
     ax.axhline(0, color="0.6", lw=0.8)
     keys = [key for key in ("planner", "layout", "context_size") if key in table]
+    telling = [key for key in keys if table[key].nunique() > 1]
     settings = list(table.groupby(keys))
     for place, (setting, group) in enumerate(settings):
         named = dict(zip(keys, setting, strict=True))
@@ -99,20 +105,28 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             ms=3.5,
             capsize=2,
             lw=1,
-            label=", ".join(
-                f"C = {p}" if key == "context_size" else str(p).replace("_", " ") for key, p in named.items()
-            ),
+            label=", ".join(f"C = {named[key]}" if key == "context_size" else _readable(named[key]) for key in telling),
         )
     if max(table["difference"].abs().max(), table["high"].max(), -table["low"].min()) > HUGE:
         ax.set_yscale("symlog", linthresh=1)  # the others, and the margin, are to be seen, too
-        ax.yaxis.set_major_locator(SymmetricalLogLocator(base=100, linthresh=1))
+        low, high = ax.get_ylim()
+        decades = int(np.log10(max(abs(low), abs(high))))
+        step = max(1, -(-decades // 4))
+        powers = [10.0**power for power in range(step, decades + 1, step)]
+        ax.set_yticks([tick for tick in (*(-each for each in powers), 0.0, *powers) if low <= tick <= high])
+        ax.minorticks_off()
     ax.set_title(METRICS[table["metric"].iloc[0]].name, loc="left")
     ax.set_ylabel(f"difference ({unit})")
     return ax
 
 
-def value_axis(ax: Axes, names: Sequence[str], label: str) -> Axes:
+def value_axis(ax: Axes, names: Sequence[str]) -> Axes:
     """Write the names of the compared values along the horizontal axis, a place each."""
-    ax.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
-    ax.set(xlabel=label, xlim=(-0.5, len(names) - 0.5))
+    style: dict[str, Any] = {"rotation": 60, "ha": "right", "rotation_mode": "anchor"}
+    ax.set_xticks(range(len(names)), names, **(style if len(names) > 3 or max(map(len, names)) > 10 else {}))
+    ax.set_xlim(-0.5, len(names) - 0.5)
     return ax
+
+
+def _readable(value: float | str) -> str:
+    return format_value(value).replace("_", " ")

@@ -156,7 +156,9 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
     factor = key.replace(".", "_")
     first, *others = runs[factor].unique()
     if not others:
-        raise ConfigError(f"the runs have one value of {key!r}, {_shown(first)}; there is nothing to compare it with")
+        raise ConfigError(
+            f"the runs have one value of {key!r}, {format_value(first)}; there is nothing to compare it with"
+        )
     settings = [column for column, sources in COLUMNS.items() if key not in sources]
     if "layout" in settings and runs["layout"].nunique() == 1:
         settings.remove("layout")
@@ -216,7 +218,7 @@ def markdown(table: pd.DataFrame, key: str) -> str:
             [
                 *(str(row[column]) for column in settings),
                 f"{METRICS[row['metric']].name} ({row['unit']})",
-                f"{_shown(row['a'])}, {_shown(row['b'])}",
+                f"{format_value(row['a'])}, {format_value(row['b'])}",
                 f"{number(row['mean_a'])}, {number(row['mean_b'])}",
                 f"{number(row['median_a'])}, {number(row['median_b'])}",
                 f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else f' {NOTHING}'}",
@@ -227,5 +229,6 @@ def markdown(table: pd.DataFrame, key: str) -> str:
     return build.markdown_table(heads, rows)
 
 
-def _shown(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
+def format_value(value: float | str) -> str:
+    """A value of the compared key, as tables and figures show it."""
+    return value if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"

@@ -40,7 +40,7 @@ KIND_COLORS = {
 REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6677"}
 
 LINE_STYLES = ((0, (5, 1.5)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (7, 3)))
-"""Of the lines of agents without a model, in their order."""
+"""Of the lines of agents without a learned model, in their order."""
 
 FAR = 0.15
 """A line this much above a panel, in its heights, is not drawn."""
@@ -200,7 +200,7 @@ def bars(
 
 
 def baselines(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups) -> list[Artist]:
-    """Lines for agents without a model: the middle of their runs, as the boxes or bars beside them have it.
+    """Lines for agents without a learned model: the middle of their runs, as the boxes or bars beside them have it.
 
     A line far above the others would make these small; its number is written at the top instead.
 
@@ -266,14 +266,14 @@ def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
 
 
 def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
-    """Median prediction error of single steps over the number of circles that the vehicle overlapped.
+    """Median prediction error of single steps over the number of circles that acted on the vehicle.
 
     Args:
         ax: where to draw.
         steps: one row per step, see `failures.step_errors`.
         x: the factor that curves tell apart.
     """
-    medians = steps.groupby([x.column, "overlapped"], sort=False)["prediction_error"].median().sort_index(level=1)
+    medians = steps.groupby([x.column, "acting"], sort=False)["prediction_error"].median().sort_index(level=1)
     if len(medians) and medians.isna().all():
         return _unpredicted(ax, "step error")
     for value, color in x_colors(x, steps[x.column].unique()).items():
@@ -331,6 +331,9 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
     ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
     if chosen["mean"].max() > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)
+        ax.margins(y=0.1)
+        if chosen[["median", "mean"]].min(axis=None) >= 0:
+            ax.set_ylim(bottom=0)
     return ax
 
 

@@ -49,13 +49,13 @@ def main_results(results: Results, settings: ReportSettings) -> Figure:
 
 
 def _baselines(figure: Figure, panels_of: Mapping[str, Axes], results: Results, groups: Groups) -> None:
-    """Draw lines of the agents without a model into panels, metric -> panel, and their legend below the figure."""
+    """Draw lines of agents without a learned model into panels, metric -> panel, and a legend below the figure."""
     entries: dict[str, Artist] = {}
     for metric, ax in panels_of.items():
         for handle in panels.baselines(ax, results.baseline_runs, metric, groups):
             entries.setdefault(str(handle.get_label()), handle)
     if entries:
-        heading = Line2D([], [], ls="", label="agents without a model:")
+        heading = Line2D([], [], ls="", label="agents without a learned model:")
         handles = [heading, *entries.values()]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
 
