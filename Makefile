@@ -39,7 +39,7 @@ exp1:  ## Experiment I, obstacle avoidance: explore, train, control, report (SCA
 exp2:  ## Experiment II, generalization: the models of Experiment I in two other worlds
 exp3:  ## Experiment III, behavioral relevance: obstacles of different looks, and things that mean nothing
 exp4:  ## Experiment IV, uncertainty avoidance: fog
-exp5:  ## Experiment V, disentanglement: four properties in random worlds (an hour)
+exp5:  ## Experiment V, disentanglement: four properties in random worlds (80 minutes)
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
 factors: $(FACTORS)  ## one factor at a time: what decides the claims that do not hold? (half an hour; after paper)
 replication: $(REPLICATIONS)  ## Experiments I, III and V with 100 fresh members: are open claims decided by more of them? (two hours)

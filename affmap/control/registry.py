@@ -37,7 +37,7 @@ class OracleSettings(Settings):
     """Standard deviation of a true step outside fog, u."""
 
 
-def is_learned(agent: Settings) -> bool:
+def is_learned(agent: "AgentSettings | OracleSettings | ConfiguredController") -> bool:
     """Whether an agent imagines with a trained model, wholly or by half."""
     return isinstance(agent, AgentSettings) or (isinstance(agent, OracleSettings) and agent.kind != "oracle")
 

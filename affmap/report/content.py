@@ -77,7 +77,9 @@ def experiment(results: Results, scores: Sequence[Score], settings: ReportSettin
             [
                 *sentences.changes(results, settings),
                 *sentences.bounds(results, settings),
+                *sentences.mixtures(results, settings),
                 *sentences.uncrossable(results, settings),
+                *sentences.remarks(scores),
             ]
         ),
         blocks.heading("What was run"),

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score
-from affmap.results.metrics import METRICS
+from affmap.results.metrics import METRICS, success
 from affmap.results.numbers import NOTHING, listed, number, span
 from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
@@ -45,7 +47,7 @@ def verdict_count(scores: Sequence[Score], about: str = "this experiment") -> st
     words = []
     for verdict, names in _by_verdict(scores).items():
         shown = f" ({', '.join(names)})" if names else ""
-        words.append(f"{len(names)} {_COUNTS[verdict][len(names) != 1]}{shown}")
+        words.append(f"{len(names) or 'none'} {_COUNTS[verdict][len(names) > 1]}{shown}")
     return f"Of the paper's {len(scores)} claims about {about}, {words[0]}, {words[1]}, and {words[2]}."
 
 
@@ -128,6 +130,39 @@ def uncrossable(results: Results, settings: ReportSettings) -> list[str]:
         f"here, as successes or failures like all others; {share:.0%} of them succeed (a vehicle may be carried "
         "through a field)."
     ]
+
+
+def mixtures(results: Results, settings: ReportSettings) -> list[str]:
+    """Which properties worlds have that are drawn at random, a sentence for each such layout.
+
+    Without fog a run succeeds by arriving, so what success is where there is fog is said, too.
+    """
+    sentences = []
+    for layout in results.layouts:
+        flown = results.where({LAYOUT.key: layout, PLANNER.key: results.planners[0]})
+        last = max(flown, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
+        worlds = results.worlds(last)
+        if len(set(worlds)) == 1:
+            continue
+        effects = [{circle.effect for circle in world.circles} - {"none"} for world in worlds]
+        every = set().union(*effects)
+        parts = [f"{sum(each == every for each in effects)} have all {len(every)} properties"]
+        foggy = np.array(["fog" in each for each in effects])
+        if 0 < foggy.sum() < len(foggy):
+            share = success(results.trajectories(last))[foggy].mean()
+            at = name_of(results.x, last.values[results.x.key], settings)
+            parts.append(f"{(~foggy).sum()} have no fog (in the others {number(share)} of the runs at {at} succeed)")
+        sentences.append(f"Of the {len(worlds)} random worlds “{readable(layout, settings)}” {listed(parts)}.")
+    return sentences
+
+
+def remarks(scores: Sequence[Score]) -> list[str]:
+    """What must be said beside verdicts, once each."""
+    named: dict[str, list[str]] = {}
+    for score in scores:
+        if score.claim.remark:
+            named.setdefault(score.claim.remark, []).append(score.claim.name)
+    return [f"On {listed(names)}: {remark}." for remark, names in named.items()]
 
 
 def setting(results: Results) -> str:

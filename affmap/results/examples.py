@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from affmap.results.files import Trajectories
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, Value, make_factor
@@ -12,11 +13,13 @@ from affmap.results.tables import Results
 
 def example_rule(results: Results) -> str:
     """The rule by which runs and moments are chosen, as part of a sentence."""
+    own = any(len(set(results.worlds(setting))) > 1 for setting in results.settings)
+    richest = " (of those in whose worlds circles do most different things)" if own else ""
     shown = "context sizes" if results.x == CONTEXT_SIZE else f"values of {results.x.label}"
     return (
-        "the first member, of its runs in a layout the one whose mean distance to the goal, averaged over the "
-        f"{shown} shown, is the lower median, and the first step at which at most half of the initial distance is left "
-        "(where that never happens: the step that comes closest)"
+        f"the first member, of its runs in a layout{richest} the one whose mean distance to the goal, averaged "
+        f"over the {shown} shown, is the lower median, and the first step at which at most half of the initial "
+        "distance is left (where that never happens: the step that comes closest)"
     )
 
 
@@ -71,7 +74,21 @@ def middle_runs(results: Results, layout: str) -> list[int]:
         runs = runs[runs[make_factor(key).column] == value]
     runs = runs[runs[results.x.column].isin(_ends(results, layout)) & (runs["member"] == runs["member"].min())]
     distances = runs.groupby("run")["mean_distance"].mean().sort_values(kind="stable")
-    away = np.abs(np.arange(len(distances)) - (len(distances) - 1) // 2)  # ranks from the lower median
+    groups = distances.groupby(_num_effects(results, layout))
+    return [run for _, group in sorted(groups, reverse=True) for run in _from_the_middle(group)]
+
+
+def _num_effects(results: Results, layout: str) -> dict[int, int]:
+    """Run of the first member -> how many different things the circles of its world do."""
+    setting = results.where(_first(results, layout))[0]
+    paths, worlds = results.trajectories(setting), results.worlds(setting)
+    mine = np.flatnonzero(paths.member == paths.member.min())
+    return {int(paths.run[place]): len({circle.effect for circle in worlds[place].circles}) for place in mine}
+
+
+def _from_the_middle(distances: "pd.Series[float]") -> list[int]:
+    """Runs, sorted by distance: that of the lower median, then its next in rank."""
+    away = np.abs(np.arange(len(distances)) - (len(distances) - 1) // 2)
     return [int(distances.index[rank]) for rank in np.argsort(away, kind="stable")]
 
 

@@ -58,7 +58,7 @@ def _steps_to_reach(paths: Trajectories) -> Column:
     return pd.Series(np.where(ever, paths.reached.argmax(axis=1) + 1, 0)).where(ever).astype("Int64")
 
 
-def _success(paths: Trajectories) -> Column:
+def success(paths: Trajectories) -> Column:
     """Whether the goal was reached, and the vehicle never was in fog (Experiment IV)."""
     return paths.reached.any(axis=1) & (paths.in_fog.sum(axis=1) == 0)
 
@@ -95,7 +95,7 @@ METRICS = {
     ),
     "reached": Metric("reached", "share", "share of runs that reached the goal", _reached, margin=0.05, stored=True),
     "steps_to_reach": Metric("steps to reach", "steps", "steps to the goal", _steps_to_reach, stored=True),
-    "success": Metric("success", "share", "share of successful runs", _success, margin=0.05, stored=True),
+    "success": Metric("success", "share", "share of successful runs", success, margin=0.05, stored=True),
     "steps_touching": Metric("steps touching", "steps", "steps touching a surface", _steps_touching, stored=True),
     "steps_in_fog": Metric("steps in fog", "steps", "steps in fog", _steps_in_fog, stored=True),
     "final_spread": Metric("final spread", "u", "spread at the end (u)", _final_spread, stored=True),

@@ -14,13 +14,14 @@ import pandas as pd
 import pytest
 import yaml
 
+from affmap.env.layout import Layout
 from affmap.experiments import PAPER, claims_about
 from affmap.experiments.paper.report import Chapter, PaperReport
 from affmap.report import build, page, sentences
 from affmap.report.experiment import ExperimentReport
 from affmap.report.figures import files
 from affmap.results import manifest, provenance
-from affmap.results.numbers import NOTHING, listed, points, span
+from affmap.results.numbers import NOTHING, listed, number, points, span
 from affmap.results.scores import score
 from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
@@ -345,6 +346,34 @@ def test_worlds_without_a_way_are_counted(results: dict[str, Results]) -> None:
     assert sentences.uncrossable(results["exp4"], settings("exp4")) == []
 
 
+def test_random_worlds_are_described(results: dict[str, Results], monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hand: fog is taken out of the last two of eight worlds; layouts of a single world have no sentence."""
+    assert sentences.mixtures(results["exp4"], settings("exp4")) == []
+    assert sentences.mixtures(results["exp5"], settings("exp5"))[0] == (
+        "Of the 8 random worlds “easy” 8 have all 4 properties."
+    )
+    worlds, runs = Results.worlds, results["exp5"].runs.query("layout == 'procedural_hard' and context_size == 8")
+
+    def without_fog(self: Results, setting: Setting) -> list[Layout]:
+        whole = worlds(self, setting)
+        clear = [[circle for circle in world.circles if circle.effect != "fog"] for world in whole[-2:]]
+        return whole[:-2] + [w.model_copy(update={"circles": tuple(c)}) for w, c in zip(whole[-2:], clear, strict=True)]
+
+    monkeypatch.setattr(Results, "worlds", without_fog)
+    share = runs["success"].iloc[:6].mean()
+    assert sentences.mixtures(results["exp5"], settings("exp5"))[1] == (
+        f"Of the 8 random worlds “hard” 6 have all 4 properties and 2 have no fog (in the others {share:.2f} of the "
+        "runs at C = 8 succeed)."
+    )
+
+
+def test_remarks_are_made_once(results: dict[str, Results]) -> None:
+    """Two claims of Experiment V share one; Experiment I has none."""
+    (remark,) = sentences.remarks(score(results["exp5"], claims_about("exp5")))
+    assert remark.startswith("On V-3 and V-4: that fog and force fields act")
+    assert sentences.remarks(score(results["exp1"], claims_about("exp1"))) == []
+
+
 def test_the_paper_has_every_claim_and_what_is_missing(whole: Path) -> None:
     page = Page(whole / "report.html")
     names = [claim.name for experiment in PAPER for claim in claims_about(experiment)]
@@ -384,6 +413,12 @@ def test_points_are_titles_and_texts() -> None:
 def test_numbers_and_words_are_enumerated() -> None:
     """By hand."""
     assert (span([3, 1, 2]), span([4, 4])) == ("1 to 3", "4")
+    assert [number(value) for value in (-1.234, 999_999.0, 1e6, -6.0986e10)] == [
+        "\N{MINUS SIGN}1.23",
+        "999999.00",
+        "1.0e6",
+        "\N{MINUS SIGN}6.1e10",
+    ]
     assert [listed(words) for words in ([], ["a"], ["a", "b", "c"])] == [NOTHING, "a", "a, b and c"]
 
 

@@ -277,6 +277,26 @@ def test_the_example_is_the_lower_median_run_of_the_first_member(results: dict[s
         assert {(example.setting.layout, example.member, example.run) for example in chosen} == {(layout, 0, order[1])}
 
 
+def test_examples_are_from_the_richest_worlds(results: dict[str, Results], monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hand: only worlds of runs 1 and 3 keep all their circles; these come first, the lower median ahead."""
+    found, worlds, layout = results["exp5"], Results.worlds, "procedural_easy"
+
+    def poorer(self: Results, setting: Setting) -> list[Layout]:
+        whole, runs = worlds(self, setting), self.trajectories(setting).run
+        return [
+            each if run in (1, 3) else each.model_copy(update={"circles": each.circles[:1]})
+            for each, run in zip(whole, runs, strict=True)
+        ]
+
+    assert "different things" not in examples.example_rule(results["exp4"])
+    monkeypatch.setattr(Results, "worlds", poorer)
+    runs = found.runs.query("layout == @layout and member == 0 and context_size != 8")
+    order = [int(run) for run in runs.groupby("run")["mean_distance"].mean().sort_values().index]
+    rich, rest = [run for run in order if run in (1, 3)], [run for run in order if run in (0, 2)]
+    assert examples.middle_runs(found, layout) == [*rich, *rest]
+    assert "of those in whose worlds circles do most different things" in examples.example_rule(found)
+
+
 def test_legends_name_the_effects_that_are_there(results: dict[str, Results]) -> None:
     worlds = {name: found.worlds(found.settings[-1]) for name, found in results.items()}
     named = {name: [handle.get_label() for handle in arena.effect_handles(w)] for name, w in worlds.items()}

@@ -105,7 +105,9 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             ms=3.5,
             capsize=2,
             lw=1,
-            label=", ".join(f"C = {named[key]}" if key == "context_size" else _readable(named[key]) for key in telling),
+            label=", ".join(
+                f"C = {named[key]}" if key == "context_size" else str(named[key]).replace("_", " ") for key in telling
+            ),
         )
     if max(table["difference"].abs().max(), table["high"].max(), -table["low"].min()) > HUGE:
         ax.set_yscale("symlog", linthresh=1)  # the others, and the margin, are to be seen, too

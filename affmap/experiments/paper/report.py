@@ -140,6 +140,7 @@ def _blocks(
             "pages of the experiments' own reports play their runs and tell the codes of their maps."
         ),
         blocks.claims(_rows(chapters, scores)),
+        blocks.bullets(sentences.remarks(together)),
         blocks.heading("What was run, and what it took"),
         *_costs(chapters),
     ]
@@ -220,6 +221,7 @@ def _experiment(chapter: Chapter, scores: Sequence[Score], names: Sequence[str])
             [
                 *sentences.findings(scores),
                 *sentences.bounds(chapter.results, chapter.settings),
+                *sentences.mixtures(chapter.results, chapter.settings),
                 *sentences.uncrossable(chapter.results, chapter.settings),
                 sentences.spikes(chapter.results),
             ]

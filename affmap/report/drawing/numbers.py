@@ -260,7 +260,7 @@ def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
         runs: one row per run, see `failures.with_nearest`.
         x: the factor on the x axis.
     """
-    things = {thing: name for thing, name in failures.NEAREST.items() if (runs["nearest"] == thing).any()}
+    things = {thing: f"nearest: {name}" for thing, name in failures.NEAREST.items() if (runs["nearest"] == thing).any()}
     colors = {failures.SURFACE: EFFECTS["obstacle"].color, **{name: each.color for name, each in EFFECTS.items()}}
     return _stacked(ax, failures.shares(runs, "nearest", things, x.column), things, colors, x)
 
@@ -304,7 +304,7 @@ def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Fact
     ax.axhline(0, color=EFFECTS["fog"].color, lw=1.2, ls="--", zorder=0)
     ax.plot(places + spread, ends["distance"], ls="", marker="o", ms=2.5, mew=0, color="0.2", alpha=0.6)
     _name_places(ax, values)
-    ax.set(xlabel=x.label, ylabel="u", xlim=(-0.6, len(values) - 0.4))
+    ax.set(xlabel=x.label, ylabel="distance (u)", xlim=(-0.6, len(values) - 0.4))
     return ax
 
 
@@ -332,7 +332,7 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
     if chosen["mean"].max() > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.margins(y=0.1)
-        if chosen[["median", "mean"]].min(axis=None) >= 0:
+        if chosen[["median", "mean"]].to_numpy(float).min() >= 0:
             ax.set_ylim(bottom=0)
     return ax
 
