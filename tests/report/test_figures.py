@@ -18,8 +18,8 @@ from affmap.report.drawing import arena, numbers
 from affmap.report.drawing import failures as panels
 from affmap.report.drawing.colors import Groups, make_groups
 from affmap.report.figures import exploration
-from affmap.report.figures import world as world_figure
 from affmap.report.figures import results as main_results
+from affmap.report.figures import world as world_figure
 from affmap.results import examples, failures
 from affmap.results.files import Trajectories
 from affmap.results.setting import ReportSettings, Setting
