@@ -1,6 +1,6 @@
 """The content of a report about one experiment as blocks (`blocks.py`): results, tests, origin; all cells are text."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,9 +88,9 @@ def experiment(results: Results, scores: Sequence[Score], settings: ReportSettin
     ]
 
 
-def figures(names: Sequence[str], drawn: Collection[str], captions: Mapping[str, str], folder: str = "") -> list[Block]:
-    """Those of the figures `names` that were drawn, in a part of the folder of figures."""
-    return [blocks.figure(f"{folder}{name}", captions[name]) for name in names if name in drawn]
+def figures(names: Sequence[str], captions: Mapping[str, str], folder: str = "") -> list[Block]:
+    """Those of the figures `names` that were drawn and captioned, in a part of the folder of figures."""
+    return [blocks.figure(f"{folder}{name}", captions[name]) for name in names if name in captions]
 
 
 def tests(scores: Sequence[Score], results: Results) -> list[Block]:

@@ -16,7 +16,7 @@ import jinja2
 import typst
 from markupsafe import Markup
 
-from affmap.report.figures.files import DPI
+from affmap.report.drawing.files import DPI
 
 _HERE = Path(__file__).parent
 

@@ -3,11 +3,11 @@
 `deviations.md` says what differs from the paper; it knows no result.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from affmap.report import blocks, build, captions, content, figures, page
+from affmap.report import blocks, build, content, figures, page
 from affmap.report.experiment import ExperimentReport
 from affmap.report.explorer.maps import explorer
 from affmap.report.player.runs import player
@@ -23,8 +23,8 @@ def write(report: ExperimentReport) -> None:
     output, results, settings = report.output, report.results, report.settings
     scores = score(results, report.claims)
     _write_tables(output / "tables", report.name, results, scores, settings)
-    drawn = figures.draw_all(results, settings, output / "figures", report.notice)
-    content = _blocks(results, scores, settings, drawn, report.record)
+    captions = figures.draw_all(results, settings, output / "figures", report.notice)
+    content = _blocks(results, scores, settings, captions, report.record)
     page.write(output, {"title": report.title, "notice": report.notice or "", "blocks": content})
 
 
@@ -46,12 +46,14 @@ def _write_tables(folder: Path, name: str, results: Results, scores: Sequence[Sc
 
 
 def _blocks(
-    results: Results, scores: Sequence[Score], settings: ReportSettings, drawn: Sequence[str], record: dict[str, Any]
+    results: Results,
+    scores: Sequence[Score],
+    settings: ReportSettings,
+    captions: Mapping[str, str],
+    record: dict[str, Any],
 ) -> list[blocks.Block]:
-    texts = captions.captions(results, scores, settings)
-
     def shown(*names: str) -> list[blocks.Block]:
-        return content.figures(names, drawn, texts)
+        return content.figures(names, captions)
 
     return [
         *content.experiment(results, scores, settings),

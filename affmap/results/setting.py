@@ -10,7 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from affmap.settings import Line, Neutral, Number, Positive, Settings, read
+from affmap.settings import Count, Line, Neutral, Number, Positive, Settings, read
 
 Value = bool | int | float | str
 
@@ -147,6 +147,8 @@ class ReportSettings(Settings):
     """The key that colours tell apart; None for whatever else is varied."""
     names: Mapping[Line, Line] = Field(exclude=True)
     """What planners and layouts are called; others keep their own names."""
+    paper_figures: Annotated[Mapping[Line, Count], Neutral({}), Field(exclude=True)]
+    """Figure of the report -> number of the paper's figure that it corresponds to."""
     outcome: Literal["mean_distance", "success"] = Field(exclude=True)
     """What the success of control is measured by, beside the prediction error."""
     axes: Mapping[MetricName, tuple[Number, Number]] = Field(exclude=True)

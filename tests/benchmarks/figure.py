@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from measure import Result
 
-from affmap.report.figures.files import STYLE, WIDTH
+from affmap.report.drawing.files import STYLE, WIDTH
 
 HEADING: Any = {"fontsize": 7.5, "fontweight": "bold"}
 SLOWER, FASTER = "#0072B2", "#E69F00"  # Okabe and Ito

@@ -238,6 +238,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.claims", "exp6", "'exp5'"),
     ("report.names", "EB", "valid dictionary"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
+    ("report.paper_figures", 4, "valid dictionary"),
     ("report.axes", [0, 1], "valid dictionary"),
 ]
 
@@ -292,7 +293,7 @@ def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     assert keys - listed - free - physics == set()
 
 
-NEUTRAL = {"report": {"x", "color"}}
+NEUTRAL = {"report": {"x", "color", "paper_figures"}}
 """Keys that may be missing, which says the same as their neutral value."""
 
 
@@ -444,7 +445,9 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("report.partial", True, ""),
     ("report.claims", "exp2", ""),
     ("report.names", {}, ""),
+    ("report.paper_figures", {"results": 4}, ""),
     ("report.outcome", "success", ""),
+    ("report.paper_figures", 4, "valid dictionary"),
     ("report.axes", {}, ""),
 ]
 

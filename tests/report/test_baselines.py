@@ -19,7 +19,8 @@ from affmap.report import build, content
 from affmap.report.drawing import numbers
 from affmap.report.drawing.colors import Groups
 from affmap.report.experiment import ExperimentReport
-from affmap.report.figures.numbers import main_results, outcomes
+from affmap.report.figures import outcomes
+from affmap.report.figures import results as main_results
 from affmap.results import scores
 from affmap.results.numbers import number
 from affmap.results.setting import ReportSettings, Setting
@@ -154,8 +155,9 @@ def test_the_table_has_every_run_of_every_baseline_and_no_other(results: dict[st
 def test_the_figures_have_a_line_for_each_agent_and_layout(results: dict[str, Results], name: str) -> None:
     """Medians and means of the stored tables; lines that lie far above are told, and the legend names the agents."""
     chosen = settings(name)
-    for draw in (main_results, outcomes):
-        drawn, plain = draw(results[name], chosen), draw(replace(results[name], baselines=()), chosen)
+    for draw in (main_results.draw, outcomes.draw):
+        both = results[name], replace(results[name], baselines=())
+        drawn, plain = (draw(each, chosen).figure for each in both)
         metrics = {
             "prediction error": "prediction_error",
             "distance to the goal": "mean_distance",

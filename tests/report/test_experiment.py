@@ -18,8 +18,8 @@ from affmap.env.layout import Layout
 from affmap.experiments import PAPER, claims_about
 from affmap.experiments.paper.report import Chapter, PaperReport
 from affmap.report import build, page, sentences
+from affmap.report.drawing import files
 from affmap.report.experiment import ExperimentReport
-from affmap.report.figures import files
 from affmap.results import manifest, provenance
 from affmap.results.numbers import NOTHING, listed, number, points, span
 from affmap.results.scores import score
@@ -142,7 +142,13 @@ def test_everything_that_was_promised_is_there(reports: dict[str, Path], name: s
     }
     drawn = {f"figures/{figure}.{kind}" for figure in DRAWN[name] for kind in ("png", "pdf", "svg")}
     written = {path.relative_to(reports[name]).as_posix() for path in reports[name].rglob("*") if path.is_file()}
-    assert written == tables | drawn | {"report.pdf", "report.html", "provenance.json", manifest.DRAWN_BY}
+    assert written == tables | drawn | {
+        "figures/captions.json",
+        "report.pdf",
+        "report.html",
+        "provenance.json",
+        manifest.DRAWN_BY,
+    }
 
 
 @pytest.mark.parametrize("name", [*DRAWN, "paper"])

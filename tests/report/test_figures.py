@@ -13,11 +13,13 @@ from stage_files import make_world
 from affmap.env.geometry import reachable
 from affmap.env.layout import Layout
 from affmap.model.palette import Palette
-from affmap.report import captions
+from affmap.report import figures, painted
 from affmap.report.drawing import arena, numbers
+from affmap.report.drawing import failures as panels
 from affmap.report.drawing.colors import Groups, make_groups
-from affmap.report.figures import FIGURES, pictures
-from affmap.report.figures.numbers import main_results
+from affmap.report.figures import exploration
+from affmap.report.figures import results as main_results
+from affmap.report.figures import world as world_figure
 from affmap.results import examples, failures
 from affmap.results.files import Trajectories
 from affmap.results.setting import ReportSettings, Setting
@@ -78,7 +80,7 @@ def test_a_panel_of_agents_that_predict_nothing_says_so() -> None:
     assert [text.get_text() for text in ax.texts] == ["no prediction error:\nnothing was predicted"]
     assert not ax.patches and not ax.lines
     steps = runs.assign(acting=[0, 1, 1])
-    ax = numbers.step_errors(Figure().subplots(), steps)
+    ax = panels.step_errors(Figure().subplots(), steps)
     assert [text.get_text() for text in ax.texts] == ["no step error:\nnothing was predicted"] and not ax.lines
     both = pd.concat([runs, runs.assign(planner="cem", prediction_error=[-9.0, -8.0, -7.0])], ignore_index=True)
     ax = numbers.boxes(Figure().subplots(), both, "prediction_error", groups)
@@ -98,7 +100,7 @@ def test_bars_are_means_and_standard_deviations_over_members() -> None:
 def test_failures_are_stacked_by_their_reasons() -> None:
     """By hand: of four runs one is stuck, one was in fog and arrived, one was in fog and did not."""
     runs = pd.DataFrame({"context_size": 3, "reason": ["", "stuck", "fog", "fog"]})
-    ax = numbers.reasons(Figure().subplots(), runs)
+    ax = panels.reasons(Figure().subplots(), runs)
     heights = {bars.get_label(): (bars[0].get_y(), bars[0].get_height()) for bars in ax.containers}
     expected = {"was in fog": (0, 0.5), "never arrived: stuck": (0.5, 0.25), "never arrived: other": (0.75, 0)}
     assert heights == expected
@@ -145,7 +147,7 @@ def test_runs_that_arrived_are_nearest_to_nothing(results: dict[str, Results]) -
     runs = found.runs[found.runs["layout"] == "procedural_hard"]
     shares = failures.shares(things, "nearest", failures.NEAREST).sum(axis=1)
     assert shares.to_dict() == (1 - runs.groupby("context_size")["reached"].mean()).to_dict()
-    ax = numbers.nearest(Figure().subplots(), things)
+    ax = panels.nearest(Figure().subplots(), things)
     assert sum(bar.get_height() for bar in ax.patches) == pytest.approx(shares.sum())
 
 
@@ -170,7 +172,7 @@ def test_errors_of_steps_by_hand(results: dict[str, Results]) -> None:
             expected.append((min(len(over), 3), error))
     assert steps["acting"].tolist() == [count for count, _ in expected]
     assert steps["prediction_error"].to_numpy() == pytest.approx([error for _, error in expected])
-    ax = numbers.step_errors(Figure().subplots(), steps)
+    ax = panels.step_errors(Figure().subplots(), steps)
     assert ax.lines[0].get_ydata()[0] == pytest.approx(steps[steps["acting"] == 0]["prediction_error"].median())
 
 
@@ -196,11 +198,11 @@ def test_cells_of_a_heat_map_count_positions(world: Layout) -> None:
 
 def test_maps_of_the_same_models_share_a_basis(results: dict[str, Results]) -> None:
     """One map alone has the palette of its reachable nodes; in two worlds equal codes have equal colours."""
-    parts = pictures.painted(results["exp2"], 8)
+    parts = painted.painted(results["exp2"], 8)
     alone = arena.paint([(parts[0].maps, parts[0].world)], RADIUS, 1)[0]
     codes, fit = parts[0].maps.codes[1], reachable(parts[0].maps.nodes, parts[0].world, RADIUS)
     np.testing.assert_array_equal(alone, Palette.fit(codes[fit])(codes))
-    first, second, _ = pictures.paint(parts, 1)
+    first, second, _ = painted.paint(parts, 1)
     same = (parts[0].maps.codes[1] == parts[1].maps.codes[1]).all(axis=-1)
     assert same.sum() > 1000
     np.testing.assert_array_equal(first[same], second[same])
@@ -209,35 +211,35 @@ def test_maps_of_the_same_models_share_a_basis(results: dict[str, Results]) -> N
 
 def test_what_stands_in_place_of_the_curves(results: dict[str, Results]) -> None:
     """Only Experiment II shows the same models in several worlds; those that are new to them come first."""
-    shown = {name: [part.world.name for part in pictures.several_worlds(found)] for name, found in results.items()}
+    shown = {name: [part.world.name for part in painted.several_worlds(found)] for name, found in results.items()}
     assert shown.pop("exp2") == ["two_obstacles", "twelve_obstacles", "original"]
     assert not any(shown.values())
 
 
 def test_the_papers_context_size_is_shown(results: dict[str, Results]) -> None:
-    assert pictures.map_size(results["exp5"]) == 8
+    assert painted.map_size(results["exp5"]) == 8
     jobs = results["exp5"].settings
-    assert pictures.map_size(Results(tuple(job for job in jobs if job.context_size != 8))) == 16
-    assert pictures.map_size(Results(tuple(job for job in jobs if job.context_size == 0))) is None
+    assert painted.map_size(Results(tuple(job for job in jobs if job.context_size != 8))) == 16
+    assert painted.map_size(Results(tuple(job for job in jobs if job.context_size == 0))) is None
 
 
 def test_every_world_is_shown_once(results: dict[str, Results]) -> None:
     """By hand: four for training, three of each procedural layout, one for maps; and the only one of Experiment I."""
-    shown = pictures.shown_worlds(results["exp5"], SETTINGS)
+    shown = world_figure.shown_worlds(results["exp5"], SETTINGS)
     assert len(shown) == 4 + 3 + 3 + 1 and len(set(shown.values())) == 11
     assert {"training fog (training)", "hard (control, run 2)", "four properties (maps)"} <= shown.keys()
-    assert list(pictures.shown_worlds(results["exp1"], SETTINGS)) == ["original (training, control, maps)"]
+    assert list(world_figure.shown_worlds(results["exp1"], SETTINGS)) == ["original (training, control, maps)"]
 
 
 def test_curves_are_drawn_for_each_training(results: dict[str, Results]) -> None:
     """Experiment III trains for both layouts, Experiment V once for both."""
-    titled = {name: main_results(results[name], SETTINGS).axes for name in ("exp3", "exp5")}
+    titled = {name: main_results.draw(results[name], SETTINGS).figure.axes for name in ("exp3", "exp5")}
     count = {name: sum(ax.get_xlabel() == "epoch" for ax in axes) for name, axes in titled.items()}
     assert count == {"exp3": 2, "exp5": 1}
 
 
 def test_exploration_is_shown_in_every_world_of_every_data_set(results: dict[str, Results]) -> None:
-    names = {name: [world.name for *_, world in pictures.explored(found)] for name, found in results.items()}
+    names = {name: [world.name for *_, world in exploration.explored(found)] for name, found in results.items()}
     assert names["exp1"] == names["exp2"] == ["original"]
     assert names["exp3"] == ["original", "three_looks"]
     assert names["exp5"] == ["training_obstacles", "training_fog", "training_force_up", "training_force_down"]
@@ -309,6 +311,6 @@ def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     """One layout has all context sizes, the other only the smallest."""
     jobs = [job for job in results["exp5"].settings if job.layout == "procedural_easy" or job.context_size == 0]
     part = Results(tuple(jobs))
-    drawn = {name for name, draw in FIGURES.items() if draw(part, SETTINGS)}
-    assert drawn == set(FIGURES) - {"growth"}
-    assert "(C) Prediction error in control, 8 runs a box" in captions.captions(part, [], SETTINGS)["results"]
+    drawn = {name: figures.draw(name, part, SETTINGS) for name in figures.NAMES}
+    assert {name for name, each in drawn.items() if each} == set(figures.NAMES) - {"growth"}
+    assert "(C) Prediction error in control, 8 runs a box" in drawn["results"].caption

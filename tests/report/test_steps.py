@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from stage_files import WriteStages
 
 from affmap.report import content
-from affmap.report.drawing import numbers
+from affmap.report.drawing import failures, losses
 from affmap.results.files import EVERYWHERE
 from affmap.results.setting import ReportSettings
 from affmap.results.tables import Results
@@ -25,7 +25,7 @@ def test_points_are_medians_over_members_between_their_quartiles() -> None:
     """By hand: five members at two context sizes."""
     rows = [(size, member, "free", size + member, 10.0 * member) for size in (0, 8) for member in range(5)]
     steps = pd.DataFrame(rows, columns=["context_size", "member", "kind", "median", "mean"])
-    ax = numbers.step_losses(Figure().subplots(), steps, "free")
+    ax = losses.step_losses(Figure().subplots(), steps, "free")
     medians, means = (line.get_ydata() for line in ax.get_lines())
     assert list(medians) == [2.0, 10.0] and list(means) == [20.0, 20.0]
     quartiles = [[segment[:, 1].tolist() for segment in bars.get_segments()] for bars in ax.collections]
@@ -36,14 +36,14 @@ def test_what_kinds_add_makes_the_mean_loss() -> None:
     """By hand: one member, three free steps of -8 nats and one of 40 that enters fog."""
     rows = [(0, 5, "free", 3, -8.0), (0, 5, "entering", 1, 40.0), (0, 9, "free", 3, -8.0), (0, 9, "entering", 1, 80.0)]
     steps = pd.DataFrame(rows, columns=["member", "epoch", "kind", "steps", "mean"])
-    ax = numbers.contributions(Figure().subplots(), steps, ["free", "entering"])
+    ax = losses.contributions(Figure().subplots(), steps, ["free", "entering"])
     drawn = {str(line.get_label()): line.get_ydata().tolist() for line in ax.get_lines()}
     assert drawn == {"free": [-6.0, -6.0], "entering": [10.0, 20.0], "all": [4.0, 14.0]}
 
 
 def test_distances_to_fog_are_a_point_for_each_run_at_its_place_on_the_axis() -> None:
     ends = pd.DataFrame({"context_size": [0, 0, 8], "distance": [0.3, -0.1, 0.2]})
-    ax = numbers.fog_distances(Figure().subplots(), ends, [0, 1, 8])
+    ax = failures.fog_distances(Figure().subplots(), ends, [0, 1, 8])
     edge, points = ax.get_lines()
     assert list(edge.get_ydata()) == [0, 0] and points.get_ydata().tolist() == [0.3, -0.1, 0.2]
     assert np.abs(points.get_xdata() - [0, 0, 2]).max() <= 0.3

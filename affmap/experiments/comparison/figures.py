@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 
 from affmap.experiments.comparison.report import format_value
 from affmap.report.drawing.colors import PLAN_COLOR, context_color
+from affmap.report.drawing.files import STYLE, new_figure, save
 from affmap.report.drawing.numbers import HUGE
-from affmap.report.figures.files import STYLE, new_figure, save
 from affmap.results.metrics import METRICS
 
 SPACING = "lookup.spacing"

@@ -3,16 +3,18 @@
 It shows the figures that the experiments' own reports have drawn, and tests their claims again.
 """
 
+import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from affmap.report import blocks, build, captions, content, page, sentences
+from affmap.report import blocks, build, content, page, sentences
 from affmap.report.blocks import Block
+from affmap.report.figures import CAPTIONS
 from affmap.report.sections import deviations
 from affmap.results import manifest, provenance
 from affmap.results.claims import Claim, Score
@@ -111,22 +113,23 @@ def _rows(chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> lis
     return [_short(item, chapter) for chapter, some in zip(chapters, scores, strict=True) for item in some]
 
 
-def _copy_figures(chapter: Chapter, folder: Path) -> list[str]:
-    """Take over the figures of an experiment's own report, into a folder of its own; returns their names."""
+def _copy_figures(chapter: Chapter, folder: Path) -> dict[str, str]:
+    """Take over figures of an experiment's own report, into a folder of its own; returns name -> caption."""
     target = folder / chapter.output.name
     shutil.rmtree(target, ignore_errors=True)  # a figure may have been drawn in other formats
     target.mkdir(parents=True, exist_ok=True)
-    names = [name for name in FIGURES if (chapter.output / "figures" / f"{name}.pdf").is_file()]
-    for name in names:
+    captions: dict[str, str] = json.loads((chapter.output / "figures" / CAPTIONS).read_text("utf-8"))
+    shown = {name: captions[name] for name in FIGURES if name in captions}
+    for name in shown:
         for path in (chapter.output / "figures").glob(f"{name}.*"):
             shutil.copyfile(path, target / path.name)
-    return names
+    return shown
 
 
 def _blocks(
     chapters: Sequence[Chapter],
     scores: Sequence[Sequence[Score]],
-    drawn: Sequence[Sequence[str]],
+    drawn: Sequence[Mapping[str, str]],
     record: dict[str, Any],
 ) -> list[Block]:
     found: list[Block] = [
@@ -144,8 +147,8 @@ def _blocks(
         blocks.heading("What was run, and what it took"),
         *_costs(chapters),
     ]
-    for chapter, some, names in zip(chapters, scores, drawn, strict=True):
-        found += _experiment(chapter, some, names)
+    for chapter, some, captions in zip(chapters, scores, drawn, strict=True):
+        found += _experiment(chapter, some, captions)
     return [
         *found,
         blocks.heading("How it was decided"),
@@ -211,8 +214,7 @@ def _total(costs: Sequence[provenance.Cost]) -> str:
     return number(sum(cost.seconds for cost in costs) / 60, 1)
 
 
-def _experiment(chapter: Chapter, scores: Sequence[Score], names: Sequence[str]) -> list[Block]:
-    texts = captions.captions(chapter.results, scores, chapter.settings)
+def _experiment(chapter: Chapter, scores: Sequence[Score], captions: Mapping[str, str]) -> list[Block]:
     return [
         blocks.heading(chapter.title),
         *([blocks.alert(chapter.missing)] if chapter.missing else []),
@@ -226,7 +228,7 @@ def _experiment(chapter: Chapter, scores: Sequence[Score], names: Sequence[str])
                 sentences.spikes(chapter.results),
             ]
         ),
-        *content.figures(names, names, texts, f"{chapter.output.name}/"),
+        *content.figures([*captions], captions, f"{chapter.output.name}/"),
         *content.medians(chapter.results, chapter.settings, level=2),
         *content.baselines(chapter.results, chapter.settings, level=2),
     ]

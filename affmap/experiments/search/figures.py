@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from affmap.report.figures.files import STYLE, new_figure, save
+from affmap.report.drawing.files import STYLE, new_figure, save
 from affmap.results.metrics import METRICS
 
 BEST, USED, OTHER = "#0072B2", "#D55E00", "0.6"

@@ -10,8 +10,8 @@ from matplotlib.image import imsave
 
 from affmap.report import blocks
 from affmap.report.drawing.colors import readable
-from affmap.report.figures.pictures import Painted, map_size, paint, painted
 from affmap.report.packing import pack
+from affmap.report.painted import Painted, map_size, paint, painted
 from affmap.report.player.runs import CODE, describe, effects
 from affmap.results.files import Floats
 from affmap.results.setting import ALWAYS, Factor, ReportSettings

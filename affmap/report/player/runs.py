@@ -15,8 +15,8 @@ from affmap.env.layout import Layout
 from affmap.report import blocks
 from affmap.report.drawing.arena import GOAL_COLOR, VEHICLE_COLOR
 from affmap.report.drawing.colors import PLAN_COLOR, readable
-from affmap.report.figures.pictures import map_size
 from affmap.report.packing import Packed, pack, pack_bits
+from affmap.report.painted import map_size
 from affmap.results.examples import first_member, middle_runs
 from affmap.results.files import Floats
 from affmap.results.setting import ALWAYS, CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings, Setting

@@ -2,7 +2,7 @@
 
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -28,6 +28,13 @@ STYLE: Any = {
 
 MAX_SVG = 1_500_000
 """Bytes; a figure that would be larger as SVG has none, and the page shows its PNG: thousands of marks load slowly."""
+
+
+class Drawn(NamedTuple):
+    """A figure with its caption."""
+
+    figure: Figure
+    caption: str
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:

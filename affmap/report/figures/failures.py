@@ -1,0 +1,76 @@
+"""Why runs fail, and where: a row of panels for each planner or layout."""
+
+from matplotlib.artist import Artist
+
+from affmap.env.geometry import CELL
+from affmap.report.drawing import arena
+from affmap.report.drawing import failures as panels
+from affmap.report.drawing.colors import make_groups
+from affmap.report.drawing.files import Drawn, new_figure
+from affmap.results import failures
+from affmap.results.examples import MAX_ROWS
+from affmap.results.numbers import listed
+from affmap.results.setting import LAYOUT, PLANNER, ReportSettings
+from affmap.results.tables import Results
+
+
+def draw(results: Results, settings: ReportSettings) -> Drawn | None:
+    """Draw and caption the figure; None where runs can fail for one reason only."""
+    if not failures.are_of_interest(results):
+        return None
+    runs = failures.with_reasons(results)
+    groups = make_groups(results, settings)
+    num_rows = min(MAX_ROWS, len(groups.names))
+    fog = any(failures.has_fog(results, setting) for setting in results.settings)
+    figure = new_figure(0.5 + 1.9 * num_rows)
+    rows = figure.subplots(num_rows, 3 + fog, squeeze=False, width_ratios=(1.0, 1.15, 1.15, *[1.0] * fog))
+    for (bars, middle, right, *rest), (value, name) in zip(rows, groups.names.items(), strict=False):
+        panels.reasons(bars, runs[runs[groups.column] == value], results.x)
+        same = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
+        row = results.where({key: each for key, each in same.items() if key != results.x.key})
+        row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
+        flown = results.worlds(row[0])
+        bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
+        if len(set(flown)) == 1:
+            found = failures.places(results, row)
+            arena.heat(middle, found.fog, flown[0]).set_title(f"fog first entered ({len(found.fog)})", loc="left")
+            arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
+        else:  # a place in the arena says nothing where every run has a world of its own
+            things = failures.with_nearest(results, row)
+            panels.nearest(middle, things, results.x).set_title("never arrived: nearest", loc="left")
+            steps = failures.step_errors(results, row)
+            panels.step_errors(right, steps, results.x).set_title("errors outside fog", loc="left")
+        for ax in rest:
+            panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, results.x)
+            ax.set_title("distance to fog", loc="left")
+    entries: dict[str, Artist] = {}
+    for ax in rows[:, :2].ravel():
+        entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4, frameon=False)
+    return Drawn(figure, _caption(results, settings))
+
+
+def _caption(results: Results, settings: ReportSettings) -> str:
+    contexts = "above 0" if max(results.context_sizes) > 0 else "0"
+    if any(len(set(results.worlds(job))) > 1 for job in results.settings):
+        others = (
+            "Second: of the runs that never arrived, whether they were in fog or not, what the vehicle was nearest to "
+            "at its end, or deepest inside of. Third: median prediction error of single steps, by the number of "
+            "circles that acted on the vehicle (training has no place with more than one); steps in fog are left "
+            "out, because there the reported positions are noise."
+        )
+    else:
+        others = (
+            f"Second and third: where runs with a context size {contexts} first entered fog, and where those that "
+            "never arrived were at their end (their numbers in brackets; a run may be in both), in runs per cell of "
+            f"{CELL} u where there are many."
+        )
+    if any(failures.has_fog(results, job) for job in results.settings):
+        others += " Last: how far from fog runs that never arrived were at their end (u; dashed: its edge)."
+    names = make_groups(results, settings).names.values()
+    some = f" Rows: {listed(list(names)[:MAX_ROWS])} only." if len(names) > MAX_ROWS else ""
+    return (
+        "Left: share of the runs that failed, by reason. A run that was in fog counts as such, whether it arrived or "
+        f"not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. {others}{some} "
+        "The paper does not report these."
+    )

@@ -1,0 +1,31 @@
+"""The map of one member after several epochs of a longer training, in one basis."""
+
+from affmap.report.drawing import arena
+from affmap.report.drawing.files import Drawn, new_figure
+from affmap.report.figures.maps import COLORS
+from affmap.results.setting import ReportSettings
+from affmap.results.tables import Results
+
+
+def draw(results: Results, settings: ReportSettings) -> Drawn | None:
+    """Draw and caption the figure; None where there is no such training."""
+    if results.growth is None or results.growth_maps is None or not results.growth_maps.snapshots:
+        return None
+    world = results.map_world(results.growth)
+    snapshots = results.growth_maps.snapshots
+    radius = results.vehicle_radius(results.growth)
+    colors = arena.paint([(arrays, world) for arrays in snapshots.values()], radius, 0)
+    rows = -(-len(snapshots) // 3)
+    figure = new_figure(0.4 + 1.65 * rows)
+    grid = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
+    for ax, (epoch, arrays), picture in zip(grid.flat, snapshots.items(), colors, strict=False):
+        title = f"after {epoch} epoch{'' if epoch == 1 else 's'}"
+        arena.affordance_map(ax, picture, arrays, world).set_title(title, loc="left")
+        ax.label_outer()
+    for ax in grid.ravel()[len(snapshots) :]:
+        ax.set_axis_off()
+    return Drawn(
+        figure,
+        "The affordance map of one member after different numbers of epochs of a longer training, in one basis: "
+        f"colours can be compared between the panels. {COLORS}",
+    )

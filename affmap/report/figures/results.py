@@ -1,0 +1,149 @@
+"""The paper's main figure: learning curves, an affordance map, prediction error and the outcome of control."""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+
+from affmap.report.drawing import arena, losses, numbers
+from affmap.report.drawing.colors import make_groups, name_of, readable, x_names_of
+from affmap.report.drawing.files import Drawn, new_figure
+from affmap.report.painted import Painted, map_size, paint, painted, several_worlds
+from affmap.results.numbers import listed, span
+from affmap.results.setting import LAYOUT, PLANNERS, ReportSettings, short_name
+from affmap.results.tables import Results
+
+BOXES = (
+    "Boxes: median and quartiles; whiskers end at the last point within 1.5 interquartile ranges, points beyond are "
+    "not drawn."
+)
+
+
+def draw(results: Results, settings: ReportSettings) -> Drawn:
+    """Draw and caption the figure.
+
+    Where the same models are shown in several worlds, maps of new worlds take the places of both.
+    """
+    figure = new_figure(5.2)
+    grid = figure.add_gridspec(2, 2)
+    worlds = several_worlds(results)[:2]
+    if worlds:
+        for cell, part, colors, letter in zip((0, 1), worlds, paint(worlds, 0), "AB", strict=True):
+            ax = arena.affordance_map(figure.add_subplot(grid[0, cell]), colors, part.maps, part.world)
+            ax.set_title(
+                f"{letter}  Map: {readable(part.world.name, settings)}, C = {part.setting.context_size}", loc="left"
+            )
+    else:
+        _curves(figure, grid[0, 0], results, settings)
+        _map(figure.add_subplot(grid[0, 1]), results)
+    groups = make_groups(results, settings)
+    error, outcome = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
+    numbers.boxes(error, results.runs, "prediction_error", groups, settings.axes.get("prediction_error"))
+    error.set_title("C", loc="left")
+    panel = numbers.boxes if settings.outcome == "mean_distance" else numbers.bars
+    panel(outcome, results.runs, settings.outcome, groups, settings.axes.get(settings.outcome))
+    outcome.set_title("D", loc="left")
+    both = {"prediction_error": error, settings.outcome: outcome}
+    numbers.baseline_lines(figure, both, results.baseline_runs, groups)
+    return Drawn(figure, _caption(results, settings, worlds))
+
+
+def _map(ax: Axes, results: Results) -> None:
+    """The map of the last layout: the one that an experiment is about."""
+    size = map_size(results)
+    if size is None:
+        ax.set_title("B  Affordance map", loc="left")
+        ax.text(0.5, 0.5, "no context size above 0 was run", ha="center", va="center", transform=ax.transAxes)
+        ax.set_axis_off()
+        return
+    part = painted(results, size)[-1]
+    arena.affordance_map(ax, paint([part], 0)[0], part.maps, part.world)
+    ax.set_title(f"B  Affordance map (C = {size}, member {part.maps.member[0]})", loc="left")
+
+
+def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportSettings) -> None:
+    """Learning curves, side by side where models were trained for each layout, or value that colours tell apart."""
+    paper = settings.axes.get("validation_nll")
+    column = results.color.column if results.color.column in results.trainings else LAYOUT.column
+    factor = results.training_factor
+    names = x_names_of(results, settings) if factor == results.x and isinstance(results.x_values[0], str) else {}
+    alone = column == results.color.column and results.validation[factor.column].nunique() == 1
+    if column == factor.column or (alone and results.color != LAYOUT):  # a panel for each curve would say no more
+        groups, factor = make_groups(results, settings), results.color if alone else factor
+        colors = {value: groups.palette[name] for value, name in groups.names.items()} if alone else None
+        ax = losses.learning_curves(
+            figure.add_subplot(cell), results.validation, paper, factor, groups.names if alone else names, colors
+        )
+        ax.set_title(f"A  Loss by {factor.label}", loc="left")
+        return
+    trained = set(results.validation[column])
+    known = [*results.layouts, *results.color_values]
+    values = list(dict.fromkeys(value for value in known if value in trained))
+    columns = min(3, len(values))
+    grid = cell.subgridspec(-(-len(values) // columns), columns).subplots(sharey=True, squeeze=False)
+    for ax, value in zip(grid.ravel(), values, strict=False):
+        of_value = results.validation[results.validation[column] == value]
+        losses.learning_curves(ax, of_value, paper, factor, names)
+        ax.label_outer()
+        if ax not in grid[0]:
+            ax.set_ylabel("")
+        if value != values[-1]:
+            ax.get_legend().remove()
+        if len(values) > 1:
+            name = (
+                readable(str(value), settings) if column == LAYOUT.column else name_of(results.color, value, settings)
+            )
+            ax.text(0.98, 0.98, name, ha="right", va="top", transform=ax.transAxes)
+    for ax in grid.ravel()[len(values) :]:
+        ax.set_axis_off()
+    grid[0, 0].set_title(f"A  Loss by {factor.label}", loc="left")
+
+
+def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painted]) -> str:
+    parts = []
+    size = map_size(results)
+    member = results.runs["member"].min()
+    if worlds:
+        names = listed([readable(part.world.name, settings) for part in worlds])
+        parts.append(
+            f"(A, B) Affordance maps of member {member} at C = {size} in the worlds {names}, in one basis: equal "
+            "colours are equal codes. The models are the same in all worlds."
+        )
+    else:
+        members = results.last_epoch["member"].nunique()
+        parts.append(
+            f"(A) Validation loss: mean and standard deviation (shade) over {members} members; where the axis cuts off "
+            "a curve, it says so."
+        )
+        code = "(B) The largest context size is 0, so there is no map."
+        if size:
+            part = painted(results, size)[-1]
+            world = readable(part.world.name, settings)
+            code = (
+                f"(B) Affordance map of member {member} at C = {size} in the world “{world}”: the context code at each "
+                "position, three principal components as red, green and blue, circles outlined."
+            )
+        parts.append(code)
+    parts.append(f"(C) Prediction error in control, {_per_box(results, settings)} runs a box. {BOXES}")
+    if settings.outcome == "success":
+        parts.append(
+            "(D) Share of successful runs, which reach the goal and are never in fog: mean over members, black lines: "
+            "standard deviation over members."
+        )
+    else:
+        parts.append("(D) Mean distance to the goal in control.")
+    if results.baselines:
+        parts.append(
+            "Dashed and dotted lines: agents without a learned model in the same runs; the oracle has true physics."
+        )
+    if len(results.planners) > 1:
+        methods = [f"{short_name(kind)}: {PLANNERS[kind].method}" for kind in results.planners if kind in PLANNERS]
+        parts.append(f"{', '.join(methods)}." if methods else "")
+    if settings.axes:
+        parts.append("Grey dotted lines: lowest and highest tick of the paper's axis, where it is in view.")
+    return " ".join(filter(None, parts))
+
+
+def _per_box(results: Results, settings: ReportSettings) -> str:
+    return span(results.runs.groupby([results.x.column, make_groups(results, settings).column]).size())
