@@ -307,6 +307,28 @@ def test_what_is_said_about_other_verdicts_is_in_their_tables() -> None:
     assert f"With a context {100 * runs['success'].mean():.0f} % of the runs succeed" in causes
 
 
+def test_what_is_said_about_fresh_members_is_in_their_tables() -> None:
+    """README, `causes.md` and the pages on experiments against the claims of the replication."""
+    pages = ["README.md", "affmap/experiments/paper/causes.md", *(f"docs/experiments/exp{n}.md" for n in (1, 3, 5))]
+    readme, causes, first, _, _ = (" ".join((ROOT / page).read_text("utf-8").split()) for page in pages)
+    found = [pd.read_csv(ROOT / f"runs/reference/replication/exp{n}/tables/claims.csv") for n in (1, 3, 5)]
+    parts = pd.concat(found).set_index(["claim", "part"])
+    verdicts = pd.concat(found).groupby("claim")["verdict"].first()
+    assert verdicts.pop("I-5") == "does not hold" and verdicts.pop("V-4") == "not decided"
+    assert len(verdicts) == 7 + 3 + 4 and set(verdicts) == {"holds"}
+    i5, trace, error = parts.loc["I-5"].iloc[0], parts.loc[("III-2", "a")], parts.loc[("V-2", "error")]
+    assert f"changes by {i5['effect']:.2f} u [{i5['low']:.2f}, {i5['high']:.2f}]" in causes
+    assert all(f"falls by {-i5['effect']:.2f} u" in page for page in (readme, first)) and i5["p_opposite"] < 0.001
+    assert f"the ratio's interval ending at {trace['high']:.4f}" in causes
+    assert f"V-2 holds, with a p of {error['p']:.3f} of the error" in causes
+    share = parts.loc["V-4"].iloc[0]
+    shown = f"{share['effect']:.2f} of the easy runs succeed, with an interval from {share['low']:.3f}"
+    assert all(shown in page for page in (readme, causes)) and share["low"] < 0.9
+    reference = pd.read_csv(ROOT / "runs/reference/paper/tables/claims.csv")
+    open_ones = reference[reference["verdict"] != "holds"]["claim"].unique()
+    assert list(open_ones) == ["I-5", "III-1", "III-2", "V-2"] and reference["claim"].nunique() == 23
+
+
 def test_the_two_other_pairs_of_obstacles_decide_claim_ii_3_otherwise() -> None:
     """What `causes.md` says of them."""
     table = pd.read_csv(ROOT / "runs/reference/factors/two_obstacles/tables/control_layout.csv")

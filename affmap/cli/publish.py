@@ -17,11 +17,13 @@ WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 """Not kept: vector figures are in the report's own PDF, which is; all figures in the page; all losses in the tables."""
 
 REPORT_ONLY = "--report-only"
-"""Flag: keep no models."""
+"""Flag: keep no models, nor the tables of their trainings, which are larger than all others."""
+
+TRAININGS = ("validation.csv", "steps.csv")
 
 
 def main() -> None:
-    """`affmap-publish`: keep report and models of an experiment in `runs/reference`; `--report-only`: no models."""
+    """`affmap-publish`: keep report and models of an experiment in `runs/reference`; `--report-only`: no trainings."""
     command(_publish, known=[REPORT_ONLY], about=main.__doc__)
 
 
@@ -44,8 +46,9 @@ def _publish(arguments: list[str]) -> None:
     check_publishable(config)
     build.check(report)
     place = config.published
-    manifest.copy(config.output, place, WITHOUT)
-    if isinstance(asked, Search) or config.report.compare or REPORT_ONLY in flags():
+    report_only = REPORT_ONLY in flags()
+    manifest.copy(config.output, place, (*WITHOUT, *(TRAININGS if report_only else ())))
+    if isinstance(asked, Search) or config.report.compare or report_only:
         print(f"Kept in {place}")
         return
     part = completed(asked)
