@@ -267,7 +267,7 @@ def test_text_of_others_is_text_in_reports(tmp_path: Path) -> None:
             "blocks": [
                 blocks.heading(text),
                 blocks.paragraph(text),
-                *content.figures(["one"], ["one"], {"one": text}),
+                *content.figures(["one"], {"one": text}),
                 content.origins([record], text),
                 content.stages(record),
                 blocks.player({"text": text}, text, [("disc", "red", text)]),

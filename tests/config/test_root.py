@@ -447,7 +447,6 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("report.names", {}, ""),
     ("report.paper_figures", {"results": 4}, ""),
     ("report.outcome", "success", ""),
-    ("report.paper_figures", 4, "valid dictionary"),
     ("report.axes", {}, ""),
 ]
 
