@@ -140,8 +140,8 @@ def _blocks(
         blocks.paragraph(
             f"{sentences.verdict_count(together, 'its experiments')} How this was decided, and every part of these "
             "claims, is said below the experiments; the p of a claim of several parts is the largest of theirs. The "
-            "pages of the experiments' own reports play their runs and tell the codes of their maps. Claims near a bound "
-            "were tested once more, with 100 fresh members: see the last part but one."
+            "pages of the experiments' own reports play their runs and tell the codes of their maps. Claims near a "
+            "bound were tested once more, with 100 fresh members: see the last part but one."
         ),
         blocks.claims(_rows(chapters, scores)),
         blocks.bullets(sentences.remarks(together)),
