@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from affmap.settings import Count, Line, Neutral, Number, Positive, Settings, read
+from affmap.settings import Count, Line, Name, Neutral, Number, Positive, Settings, read
 
 Value = bool | int | float | str
 
@@ -125,6 +125,9 @@ class Setting:
         return self.folders["control"]
 
 
+EXPERIMENTS = Path(__file__).parents[1] / "experiments"
+"""Folder of the rooms of experiments; one with a file `claims.py` has claims."""
+
 MetricName = Literal["validation_nll", "prediction_error", "mean_distance", "success"]
 
 
@@ -139,8 +142,8 @@ class ReportSettings(Settings):
     """A key of the configuration whose values are compared in a table; None for the report of an experiment."""
     partial: bool = Field(exclude=True)
     """Whether a report is wanted though some settings are not complete; it says so on every figure."""
-    claims: Literal["exp1", "exp2", "exp3", "exp4", "exp5"] | None = Field(exclude=True)
-    """The experiment of the paper whose claims are tested; None for an experiment that the paper does not have."""
+    claims: Name | None = Field(exclude=True)
+    """The folder of `affmap/experiments` whose claims are tested; None for none."""
     x: Annotated[Line | None, Neutral(None), Field(exclude=True)]
     """The key on the x axis; None for the context size or, where that is not varied, the first number that is."""
     color: Annotated[Line | None, Neutral(None), Field(exclude=True)]
@@ -153,3 +156,11 @@ class ReportSettings(Settings):
     """What the success of control is measured by, beside the prediction error."""
     axes: Mapping[MetricName, tuple[Number, Number]] = Field(exclude=True)
     """Metric -> lowest and highest tick of the paper's axis; it prints no result as text."""
+
+    @field_validator("claims")
+    @classmethod
+    def _check_claims(cls, value: str | None) -> str | None:
+        known = sorted(path.parent.name for path in EXPERIMENTS.glob("*/claims.py"))
+        if value is not None and value not in known:
+            raise ValueError(f"names no folder of affmap/experiments with claims; there are: {', '.join(known)}")
+        return value

@@ -235,7 +235,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.compare", 3, "valid string"),
     ("report.x", 3, "valid string"),
     ("report.color", 3, "valid string"),
-    ("report.claims", "exp6", "'exp5'"),
+    ("report.claims", "exp6", "there are: exp1, exp2"),
     ("report.names", "EB", "valid dictionary"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
     ("report.paper_figures", 4, "valid dictionary"),
