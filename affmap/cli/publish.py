@@ -9,7 +9,7 @@ from affmap.config.search import Search
 from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.pipeline.completed import completed
 from affmap.results import manifest
-from affmap.results.files import VALIDATION
+from affmap.results.files import STEPS, VALIDATION
 from affmap.settings.messages import ConfigError
 from affmap.store.stage import copy_stage
 
@@ -18,8 +18,6 @@ WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 
 REPORT_ONLY = "--report-only"
 """Flag: keep no models, nor the tables of their trainings, which are larger than all others."""
-
-TRAININGS = ("validation.csv", "steps.csv")
 
 
 def main() -> None:
@@ -47,7 +45,7 @@ def _publish(arguments: list[str]) -> None:
     build.check(report)
     place = config.published
     report_only = REPORT_ONLY in flags()
-    manifest.copy(config.output, place, (*WITHOUT, *(TRAININGS if report_only else ())))
+    manifest.copy(config.output, place, (*WITHOUT, *((VALIDATION, STEPS) if report_only else ())))
     if isinstance(asked, Search) or config.report.compare or report_only:
         print(f"Kept in {place}")
         return

@@ -84,18 +84,16 @@ class Oracle(PlanningAgent):
         """Positions along candidates `[B, N, H, 4]` if the vehicle is where it is reported: `[B, N, H, 2]`, u."""
         num_problems, num_candidates = actions.shape[:2]
         start, delta = (_array(part).repeat(num_candidates, 0) for part in (observation.position, observation.delta))
-        paths = self._twin.fly(
-            self._worlds(num_problems, num_problems * num_candidates), start, delta, _array(actions.flatten(0, 1))
-        )
+        worlds = self._worlds(num_problems, num_problems * num_candidates)
+        paths = self._twin.fly(worlds, start, delta, _array(actions.flatten(0, 1)))
         return torch.from_numpy(paths.astype(np.float32)).to(actions.device).unflatten(0, (-1, num_candidates))
 
     def true_log_std(self, observation: Observation, path: Tensor) -> Tensor:
         """Logarithms of the standard deviations of reported positions along paths `[B, N, H, 2]`: `[B, N, H, 2]`."""
         start = observation.position[:, None, None].expand(-1, path.shape[1], -1, -1)
         places = _array(torch.cat([start, path], dim=2))  # [B, N, 1 + H, 2]
-        in_fog = self._twin.in_fog(self._worlds(len(places), places[..., 0].size), places.reshape(-1, 2)).reshape(
-            places.shape[:-1]
-        )
+        worlds = self._worlds(len(places), places[..., 0].size)
+        in_fog = self._twin.in_fog(worlds, places.reshape(-1, 2)).reshape(places.shape[:-1])
         noisy = in_fog[..., 1:].astype(np.float32) + in_fog[..., :-1]  # ends of a step, 0 to 2
         variance = np.cumsum(noisy * self.vehicle.fog_std**2 + self.step_std**2, axis=-1)
         log_std = torch.from_numpy(0.5 * np.log(variance)).to(path)

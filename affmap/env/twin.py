@@ -54,7 +54,11 @@ class Twin:
         return paths
 
     def in_fog(self, world: np.ndarray, position: np.ndarray) -> np.ndarray:
-        """Whether vehicles at `position` `[P, 2]` (u) are in fog, `[P]`; `world` as in `fly`."""
+        """Whether vehicles at `position` `[P, 2]` (u) are in fog, `[P]`; `world` as in `fly`.
+
+        Raises:
+            IndexError: there is no such world.
+        """
         self._check(world)
         result = np.empty(len(position), bool)
         find_fog(self._fog, world, position.astype(float), result)

@@ -121,7 +121,7 @@ def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[
 
 
 def predictions(results: Results, settings: ReportSettings) -> list[Block]:
-    """Validation losses by kind of step, and how wide models take fog to be."""
+    """Validation losses by kind of step, and the places outside of fog that models take for fog."""
     table = results.steps
     factor = results.training_factor
     others = [column for column in results.trainings if column != factor.column]

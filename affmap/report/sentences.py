@@ -139,7 +139,7 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
     """
     sentences = []
     for layout in results.layouts:
-        flown = results.where({LAYOUT.key: layout, PLANNER.key: results.planners[0]})
+        flown = results.where({LAYOUT.key: layout})
         last = max(flown, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
         worlds = results.worlds(last)
         if len(set(worlds)) == 1:

@@ -5,6 +5,7 @@ import io
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -371,6 +372,15 @@ def test_random_worlds_are_described(results: dict[str, Results], monkeypatch: p
         f"Of the 8 random worlds “hard” 6 have all 4 properties and 2 have no fog (in the others {share:.2f} of the "
         "runs at C = 8 succeed)."
     )
+
+
+def test_random_worlds_are_described_where_the_first_planner_has_not_flown(results: dict[str, Results]) -> None:
+    """As in a report of a part: hard worlds were flown by another planner only."""
+    others = [
+        replace(each, values={**each.values, "planner": "gradient"}) if each.layout == "procedural_hard" else each
+        for each in results["exp5"].settings
+    ]
+    assert len(sentences.mixtures(Results(tuple(others)), settings("exp5"))) == 2
 
 
 def test_remarks_are_made_once(results: dict[str, Results]) -> None:

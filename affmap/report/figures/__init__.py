@@ -11,7 +11,7 @@ from affmap.results.tables import Results
 from affmap.store.files import write_json
 
 NAMES = tuple(sorted(path.stem for path in Path(__file__).parent.glob("*.py") if path.stem != "__init__"))
-
+"""Those of the files here."""
 
 CAPTIONS = "captions.json"
 """File beside the figures: name -> caption."""
