@@ -5,11 +5,10 @@ A line `{{ what arguments }}` of a page becomes
 | line | becomes |
 |---|---|
 | `{{ table exp1/tables/claims.md }}` | a table of `runs/reference`; with ` | text`, its rows that contain the text |
-| `{{ medians exp1 }}` | what an experiment came to, by context size |
 | `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
 
 Blocks of ```` ```math ```` and `` $`...`$ `` are LaTeX and become MathML, which browsers draw without help. Figures and
-reports of `runs/reference` are part of the site as `reference/...`, notebooks are pages.
+reports of `runs/reference` are part of the site as `reference/...`, notebooks and the reports of experiments are pages.
 """
 
 import inspect
@@ -21,7 +20,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -31,12 +29,16 @@ from pygments.formatters import HtmlFormatter
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "runs/reference"
 
-METRICS = {
-    "validation_nll": "validation loss",
-    "prediction_error": "prediction error",
-    "mean_distance": "mean distance",
-    "success": "success",
-}
+ROOMS = sorted(path.parent.name for path in (ROOT / "affmap/experiments").glob("*/page.md"))
+"""Experiments whose published reports are pages of the site."""
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Fill the experiments into the navigation."""
+    for entry in config.nav or []:
+        if "Experiments" in entry:
+            entry["Experiments"] = [f"experiments/{name}.md" for name in ROOMS]
+    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
@@ -44,6 +46,12 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
     for path in [*REFERENCE.rglob("figures/*.png"), *REFERENCE.glob("*/report.pdf"), REFERENCE / "bench/bench.png"]:
         place = f"reference/{path.relative_to(REFERENCE).as_posix()}"
         files.append(File.generated(config, place, abs_src_path=str(path)))
+    for name in ROOMS:
+        text = (
+            (REFERENCE / name / "report.md").read_text("utf-8").replace("](figures/", f"](../reference/{name}/figures/")
+        )
+        report = f"\n[The report as PDF](../reference/{name}/report.pdf)\n"
+        files.append(File.generated(config, f"experiments/{name}.md", content=text + report))
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         files.append(File.generated(config, f"notebooks/{path.name}", abs_src_path=str(path)))
         files.append(File.generated(config, f"notebooks/{path.stem}.md", content="\n\n".join(_notebook(path))))
@@ -77,19 +85,6 @@ def table(path: str, *texts: str) -> str:
     if not chosen:
         raise ValueError(f"{path} has no row with {', '.join(texts)}.")
     return "\n".join([head, line, *chosen])
-
-
-def medians(experiment: str) -> str:
-    """What an experiment came to: a row for each metric, planner and world, a column for each context size."""
-    found = pd.read_csv(REFERENCE / experiment / "tables/medians.csv").fillna({"planner": "", "layout": ""})
-    sizes = found["context_size"].unique()
-    rows = [["", *(f"C = {size}" for size in sizes)], ["---", *["---:"] * len(sizes)]]
-    for (metric, planner, layout), group in found.groupby(["metric", "planner", "layout"], sort=False):
-        unit, statistic = group["unit"].iloc[0], group["statistic"].iloc[0]
-        where = ", ".join(part for part in (planner, layout.replace("_", " ")) if part)
-        name = f"{statistic} {METRICS[metric]} ({unit})" + (f", {where}" if where else "")
-        rows.append([name, *(f"{value:.2f}".replace("-", "−") for value in group["center"])])
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def source(name: str, *texts: str) -> str:
@@ -129,4 +124,4 @@ def _notebook(path: Path) -> Iterator[str]:
                 yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
 
 
-MACROS: dict[str, Callable[..., str]] = {"table": table, "medians": medians, "source": source}
+MACROS: dict[str, Callable[..., str]] = {"table": table, "source": source}

@@ -133,6 +133,12 @@ def test_the_readme_s_other_numbers_on_speed_are_those_measured() -> None:
     assert f"each have {team[1, 2] / team[2, 1]:.1f} times the throughput" in readme
 
 
+def explanations() -> str:
+    """What the reports say of the published run."""
+    texts = [path.read_text("utf-8") for path in sorted((ROOT / "affmap/experiments").glob("*/*.md"))]
+    return " ".join(" ".join(texts).split())
+
+
 def distances(path: str, **values: object) -> pd.DataFrame:
     """Mean distances of a reference run: a row for each member, a column for each context size."""
     runs = pd.read_csv(ROOT / "runs/reference" / path / "tables/runs.csv")
@@ -142,9 +148,9 @@ def distances(path: str, **values: object) -> pd.DataFrame:
 
 
 def test_what_is_said_about_single_factors_is_in_their_tables() -> None:
-    """README and `causes.md` against the runs; p values by SciPy, which has no ties to deal with here."""
+    """README and explanations against the runs; p values by SciPy, which has no ties to deal with here."""
     said = " ".join((ROOT / "README.md").read_text("utf-8").split())
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    causes = explanations()
     through, without = (
         distances("factors/gb_gradients", lookup_differentiable=value).mean()[8] for value in (True, False)
     )
@@ -173,14 +179,14 @@ def shares(path: str, by: str) -> pd.DataFrame:
 
 
 def percent(path: str, value: str, layout: str, column: str, metric: str = "success") -> str:
-    """The mean of a metric over the runs of a factor's value, in a layout, as `causes.md` writes it."""
+    """The mean of a metric over the runs of a factor's value, in a layout, as explanations write it."""
     runs = pd.read_csv(ROOT / "runs/reference" / path / "tables/runs.csv").astype({column: str})
     return f"{100 * runs[(runs['layout'] == layout) & (runs[column] == value)][metric].mean():.0f} %"
 
 
 def test_what_is_said_about_success_in_experiment_5_is_in_its_tables() -> None:
-    """`causes.md` and README against the runs; Page's trend test by SciPy."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    """Explanations and README against the runs; Page's trend test by SciPy."""
+    causes = explanations()
     readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
     easy, hard = ("procedural_easy", "procedural_hard")
     (e32, e0), (h32, h0) = (
@@ -226,8 +232,8 @@ def test_what_is_said_about_success_in_experiment_5_is_in_its_tables() -> None:
 
 
 def test_what_is_said_about_the_worlds_of_experiment_5_is_so() -> None:
-    """`causes.md` and the README, against the worlds drawn anew and the table of runs."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    """Explanations and the README, against the worlds drawn anew and the table of runs."""
+    causes = explanations()
     readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
     runs = pd.read_csv(ROOT / "runs/reference/exp5/tables/runs.csv").query("context_size == 32")
     shares, sizes, without = [], [], set()
@@ -256,8 +262,8 @@ AGENTS = ("planner", "true_mean", "true_deviation", "oracle")
 
 
 def test_what_is_said_about_losses_of_experiment_5_is_in_its_tables() -> None:
-    """`causes.md` against losses, by epoch and by kind of step."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    """Explanations against losses, by epoch and by kind of step."""
+    causes = explanations()
 
     def said(value: float) -> str:
         return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")
@@ -294,8 +300,8 @@ def test_what_is_said_about_losses_of_experiment_5_is_in_its_tables() -> None:
 
 
 def test_what_is_said_about_other_verdicts_is_in_their_tables() -> None:
-    """Intervals and p values that `causes.md` quotes."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    """Intervals and p values that explanations quote."""
+    causes = explanations()
     claims = pd.read_csv(ROOT / "runs/reference/exp3/tables/claims.csv").set_index(["claim", "part"])
     assert f"the interval of the ratio ends at {claims.loc[('III-2', 'a'), 'high']:.4f}" in causes
     claims = pd.read_csv(ROOT / "runs/reference/exp5/tables/claims.csv").set_index(["claim", "part"])
@@ -308,9 +314,8 @@ def test_what_is_said_about_other_verdicts_is_in_their_tables() -> None:
 
 
 def test_what_is_said_about_fresh_members_is_in_their_tables() -> None:
-    """README, `causes.md` and the pages on experiments against the claims of the replication."""
-    pages = ["README.md", "affmap/experiments/paper/causes.md", *(f"docs/experiments/exp{n}.md" for n in (1, 3, 5))]
-    readme, causes, first, _, _ = (" ".join((ROOT / page).read_text("utf-8").split()) for page in pages)
+    """README and explanations against the claims of the replication."""
+    readme, causes = " ".join((ROOT / "README.md").read_text("utf-8").split()), explanations()
     found = [pd.read_csv(ROOT / f"runs/reference/replication/exp{n}/tables/claims.csv") for n in (1, 3, 5)]
     parts = pd.concat(found).set_index(["claim", "part"])
     verdicts = pd.concat(found).groupby("claim")["verdict"].first()
@@ -318,7 +323,7 @@ def test_what_is_said_about_fresh_members_is_in_their_tables() -> None:
     assert len(verdicts) == 7 + 3 + 4 and set(verdicts) == {"holds"}
     i5, trace, error = parts.loc["I-5"].iloc[0], parts.loc[("III-2", "a")], parts.loc[("V-2", "error")]
     assert f"changes by {i5['effect']:.2f} u [{i5['low']:.2f}, {i5['high']:.2f}]" in causes
-    assert all(f"falls by {-i5['effect']:.2f} u" in page for page in (readme, first)) and i5["p_opposite"] < 0.001
+    assert all(f"falls by {-i5['effect']:.2f} u" in page for page in (readme, causes)) and i5["p_opposite"] < 0.001
     assert f"the ratio's interval ending at {trace['high']:.4f}" in causes
     assert f"V-2 holds, with a p of {error['p']:.3f} of the error" in causes
     share = parts.loc["V-4"].iloc[0]
@@ -330,7 +335,7 @@ def test_what_is_said_about_fresh_members_is_in_their_tables() -> None:
 
 
 def test_the_two_other_pairs_of_obstacles_decide_claim_ii_3_otherwise() -> None:
-    """What `causes.md` says of them."""
+    """What explanations say of them."""
     table = pd.read_csv(ROOT / "runs/reference/factors/two_obstacles/tables/control_layout.csv")
     worse = table[table["metric"] == "mean_distance"].groupby("b")["difference"].mean()
     assert worse["two_obstacles_narrow"] > worse["two_obstacles"] > 0 > worse["two_obstacles_apart"]

@@ -22,22 +22,24 @@ def main() -> None:
 
 
 def _paper(asked: Sweep, keep: bool) -> None:
-    from affmap.experiments import PAPER, claims_about  # reports take seconds to import
+    from affmap.experiments import ROOMS, open_room  # reports take seconds to import
     from affmap.experiments.paper.report import Chapter, PaperReport
     from affmap.report import build
     from affmap.results.tables import Results
 
     chapters = []
-    for experiment in PAPER:
+    for experiment in ROOMS:
         swept = read_sweep(sweep.instead(asked.overrides, experiment, ("output",)))
         first = swept.first
+        if not first.report.paper_figures:  # an experiment that the paper does not have
+            continue
         try:
             part = completed(swept)
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
-        claims = claims_about(first.report.claims)
+        room = open_room(experiment, first.report.claims)
         results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
-        chapters.append(Chapter(first.title, results, first.report, claims, first.output, part.missing))
+        chapters.append(Chapter(first.title, results, first.report, room, first.output, part.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
     line = shlex.join(["affmap-paper", *without_places(asked.overrides)])

@@ -44,7 +44,7 @@ def report_of(asked: Search | Sweep) -> Report:
     """
     if isinstance(asked, Search):
         return _search_report(asked)
-    from affmap.experiments import claims_about  # reports take seconds to import
+    from affmap.experiments import open_room  # reports take seconds to import
     from affmap.experiments.comparison.report import ComparisonReport
     from affmap.report.experiment import ExperimentReport
     from affmap.results.tables import Results
@@ -59,9 +59,9 @@ def report_of(asked: Search | Sweep) -> Report:
     notice = "; ".join(filter(None, [first.notice, partial])) or None
     if first.report.compare:
         return ComparisonReport(first.output, part.settings, first.report.compare, **head, notice=notice)
-    claims = claims_about(first.report.claims)
     results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
-    return ExperimentReport(first.output, results, first.report, claims, **head, notice=notice)
+    room = open_room(first.name, first.report.claims)
+    return ExperimentReport(first.output, results, first.report, room, **head, notice=notice)
 
 
 def _search_report(search: Search) -> Report:

@@ -1,6 +1,6 @@
 """The writer of all reports: when a folder is drawn again, its manifest, and the check that it holds a report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -62,12 +62,6 @@ def check(report: Report) -> None:
     if not manifest.same_results(manifest.read(report.output), report.record):
         kind = KINDS[_kind(report.record)]
         raise ConfigError(f"{report.output} holds no {kind[2:]} of these results; run affmap-report for them first.")
-
-
-def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table; its cells are text."""
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)]) + "\n"
 
 
 def markdown_page(path: Path, title: str, notice: str | None, command: str, text: str) -> None:

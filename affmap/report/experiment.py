@@ -1,22 +1,48 @@
-"""The report of an experiment: what it is made of. `sections` writes it, from completed stages.
+"""The report of an experiment, from completed stages: tables, figures and a page.
 
 The same stages give the same bytes.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from affmap.report import build, figures, page
+from affmap.report.content import Content, claim_rows, claims_markdown
+from affmap.report.explorer.maps import explorer
+from affmap.report.figures import Draw
+from affmap.report.markdown import fill
+from affmap.report.player.runs import player
 from affmap.results import provenance
-from affmap.results.claims import Claim
+from affmap.results.claims import Claim, Score
+from affmap.results.scores import as_table, medians, score
 from affmap.results.setting import ReportSettings
-from affmap.results.tables import Results
+from affmap.results.tables import Results, write_csv, write_runs
+
+_HERE = Path(__file__).parent
+
+PARTS = _HERE / "parts"
+"""Texts that any page may include."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """What an experiment brings to its report; the default is that of an experiment without a folder of its own."""
+
+    claims: Sequence[Claim] = ()
+    """Claims that are tested."""
+    page: Path = _HERE / "page.md"
+    """The page, see `affmap.report.markdown`."""
+    folders: Sequence[Path] = (PARTS,)
+    """Where the page includes texts from."""
+    figures: Mapping[str, Draw] = field(default_factory=lambda: figures.figures_of(figures))
+    """Name -> figure, of all that are drawn."""
 
 
 @dataclass(frozen=True)
 class ExperimentReport:
-    """The report of an experiment: PDF, HTML, figures and tables.
+    """The report of an experiment: Markdown, PDF, HTML, figures and tables.
 
     Raises:
         ConfigError: settings differ in more than two keys.
@@ -25,8 +51,8 @@ class ExperimentReport:
     output: Path
     results: Results
     settings: ReportSettings
-    claims: Sequence[Claim]
-    """The paper's claims about the experiment; empty where it has none."""
+    room: Room
+    """Claims, page and figures of the experiment's own."""
     name: str
     """Name of the experiment."""
     title: str
@@ -57,6 +83,23 @@ class ExperimentReport:
 
     def draw(self) -> None:
         """See `build.Report`."""
-        from affmap.report import sections  # drawing takes seconds to import
+        results, settings = self.results, self.settings
+        scores = score(results, self.room.claims)
+        self._write_tables(scores)
+        drawn = figures.draw_all(self.room.figures, results, settings, self.output / "figures", self.notice)
+        content = Content(self.title, self.notice, results, scores, settings, drawn, self.record)
+        widgets = {"player": player(results, settings), "explorer": explorer(results, settings)}
+        text = fill(self.room.page, content, self.room.folders)
+        page.write(self.output, text, self.notice, {name: widget for name, widget in widgets.items() if widget})
 
-        sections.write(self)
+    def _write_tables(self, scores: Sequence[Score]) -> None:
+        folder, results = self.output / "tables", self.results
+        write_runs(folder, self.name, results.runs)
+        write_csv(folder / "validation.csv", results.validation)
+        write_csv(folder / "steps.csv", results.steps)
+        if results.baselines:
+            write_csv(folder / "baselines.csv", results.baseline_runs)
+        write_csv(folder / "medians.csv", medians(results, self.settings))
+        if scores:
+            write_csv(folder / "claims.csv", as_table(scores))
+            build.write_text(folder / "claims.md", claims_markdown(claim_rows(scores)))

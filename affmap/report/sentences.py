@@ -14,6 +14,12 @@ from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, Repo
 from affmap.results.statistics import Outcome, Verdict
 from affmap.results.tables import Results
 
+AXES = (
+    "The paper prints no result as text; the ticks of its figures' axes are the only numbers. What lies inside them "
+    "is consistent with the paper, not more; a star marks what lies outside. Whether the paper's likelihoods include "
+    "the constant log 2π (1.84 nats for two coordinates) is unknown; ours are the full density."
+)
+
 _COUNTS = {
     Verdict.HOLDS: ("holds", "hold"),
     Verdict.DOES_NOT_HOLD: ("does not hold", "do not hold"),
@@ -42,13 +48,14 @@ def verdicts(scores: Sequence[Score]) -> str:
     return "; ".join(f"{', '.join(names)} {_COUNTS[verdict][len(names) > 1]}" for verdict, names in found if names)
 
 
-def verdict_count(scores: Sequence[Score], about: str = "this experiment") -> str:
-    """How many claims hold, do not hold, and are not decided, with their names."""
-    words = []
-    for verdict, names in _by_verdict(scores).items():
-        shown = f" ({', '.join(names)})" if names else ""
-        words.append(f"{len(names) or 'none'} {_COUNTS[verdict][len(names) > 1]}{shown}")
-    return f"Of the paper's {len(scores)} claims about {about}, {words[0]}, {words[1]}, and {words[2]}."
+def verdict_count(scores: Sequence[Score]) -> str:
+    """How many claims hold, do not hold, and are not decided, with their names; kinds without a claim are left out."""
+    parts = [
+        f"{len(names)} {_COUNTS[verdict][len(names) > 1]} ({', '.join(names)})"
+        for verdict, names in _by_verdict(scores).items()
+        if names
+    ]
+    return f"Of {len(scores)} claims, {listed(parts)}."
 
 
 def changes(results: Results, settings: ReportSettings) -> list[str]:

@@ -17,7 +17,7 @@ from affmap.store.files import digests, guarded_read, sha256
 from affmap.store.provenance import PROVENANCE
 from affmap.store.stage import Stage
 
-PARTS = ("report.pdf", "report.html", "figures", "tables")
+PARTS = ("report.md", "report.pdf", "report.html", "figures", "tables")
 """Parts of a report, beside its provenance."""
 
 DRAWN_BY = ".drawn_by"

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 from affmap.env.layout import Layout
-from affmap.experiments import claims_about
+from affmap.experiments import open_room
 from affmap.model.lookup import AffordanceMap
 from affmap.report import build
 from affmap.report.drawing.arena import VEHICLE_COLOR
@@ -138,7 +138,7 @@ def test_without_codes_there_is_nothing_to_explore(results: dict[str, Results]) 
 def report(results: dict[str, Results], tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("report")
     told = {"name": "exp1", "title": "exp1", "command": "make exp1"}
-    build.write(ExperimentReport(output, results["exp1"], SETTINGS, claims_about("exp1"), **told, notice=None))
+    build.write(ExperimentReport(output, results["exp1"], SETTINGS, open_room("exp1", "exp1"), **told, notice=None))
     return output / "report.html"
 
 

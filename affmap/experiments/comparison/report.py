@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import build
+from affmap.report.markdown import table as markdown_table
 from affmap.results import provenance, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number
@@ -226,7 +227,7 @@ def markdown(table: pd.DataFrame, key: str) -> str:
                 row["verdict"],
             ]
         )
-    return build.markdown_table(heads, rows)
+    return markdown_table(heads, rows)
 
 
 def format_value(value: float | str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import build
+from affmap.report.markdown import table as markdown_table
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.tables import write_csv
@@ -123,7 +124,7 @@ def markdown(table: pd.DataFrame, objective: str, used: int | None, keys: list[s
     for row in rows:
         trial = f"{numbers[row]} (in use)" if numbers[row] == used else str(numbers[row])
         cells.append([str(row + 1), trial, number(results[row], 3), *(_shown(order[key].iloc[row]) for key in keys)])
-    return " ".join(lead) + "\n\n" + build.markdown_table(heads, cells)
+    return " ".join(lead) + "\n\n" + markdown_table(heads, cells)
 
 
 def _told(result: float, objective: str) -> str:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.image import imsave
 
-from affmap.report import blocks
 from affmap.report.drawing.colors import readable
 from affmap.report.packing import pack
 from affmap.report.painted import Painted, map_size, paint, painted
@@ -21,8 +20,8 @@ SPACING = 0.04
 """u, between the nodes whose codes are in the page; the picture has all nodes."""
 
 
-def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
-    """The block with the first member's maps of every context size and world; None where there are no codes."""
+def explorer(results: Results, settings: ReportSettings) -> dict[str, Any] | None:
+    """What `explorer.html` shows: maps of the first member, of every context size and world; None without codes."""
     maps = []
     for size in filter(None, results.context_sizes):
         parts = painted(results, size)
@@ -38,7 +37,7 @@ def explorer(results: Results, settings: ReportSettings) -> blocks.Block | None:
     )
     first = next(place for place, found in enumerate(maps) if found["choice"][1] == str(map_size(results)))
     data = {"first": first, "keys": ["World", "Context size"], "maps": maps, "effects": effects()}
-    return blocks.explorer(data, caption)
+    return {"data": data, "caption": caption}
 
 
 def _differ(parts: Sequence[Painted], factor: Factor) -> bool:

@@ -1,7 +1,10 @@
 """The figures of an experiment's report, a file each: its `draw` selects, draws and captions the figure of its name."""
 
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
 
 import matplotlib as mpl
 
@@ -10,29 +13,31 @@ from affmap.results.setting import ReportSettings
 from affmap.results.tables import Results
 from affmap.store.files import write_json
 
-NAMES = tuple(sorted(path.stem for path in Path(__file__).parent.glob("*.py") if path.stem != "__init__"))
-"""Those of the files here."""
-
 CAPTIONS = "captions.json"
 """File beside the figures: name -> caption."""
 
-
-def draw(name: str, results: Results, settings: ReportSettings) -> Drawn | None:
-    """The figure of a name, with its caption; None where results have nothing to show in it."""
-    drawn: Drawn | None = import_module(f"{__name__}.{name}").draw(results, settings)
-    number = settings.paper_figures.get(name)
-    return drawn._replace(caption=f"As the paper's Figure {number}. {drawn.caption}") if drawn and number else drawn
+Draw = Callable[[Results, ReportSettings], Drawn | None]
+"""Draws and captions a figure; None where results have nothing to show in it."""
 
 
-def draw_all(results: Results, settings: ReportSettings, folder: Path, notice: str | None) -> dict[str, str]:
+def figures_of(package: ModuleType) -> dict[str, Draw]:
+    """Name -> figure, of all files of a package."""
+    names = [found.name for found in iter_modules(package.__path__)]
+    return {name: import_module(f"{package.__name__}.{name}").draw for name in names}
+
+
+def draw_all(
+    draws: Mapping[str, Draw], results: Results, settings: ReportSettings, folder: Path, notice: str | None
+) -> dict[str, str]:
     """Save every figure that the results allow as PNG, PDF and SVG in `folder`; returns name -> caption."""
     folder.mkdir(parents=True, exist_ok=True)
     captions = {}
     with mpl.rc_context(STYLE):
-        for name in NAMES:
-            if drawn := draw(name, results, settings):
+        for name, draw in draws.items():
+            if drawn := draw(results, settings):
                 save(drawn.figure, folder / name, notice)
                 save_svg(drawn.figure, folder / f"{name}.svg")
-                captions[name] = drawn.caption
+                number = settings.paper_figures.get(name)
+                captions[name] = f"As the paper's Figure {number}. {drawn.caption}" if number else drawn.caption
     write_json(folder / CAPTIONS, captions)
     return captions

@@ -12,7 +12,6 @@ from scipy.interpolate import interpn
 from affmap.env.body import JET, NUM_DEVIATIONS, THROTTLES
 from affmap.env.effects import EFFECTS
 from affmap.env.layout import Layout
-from affmap.report import blocks
 from affmap.report.drawing.arena import GOAL_COLOR, VEHICLE_COLOR
 from affmap.report.drawing.colors import PLAN_COLOR, readable
 from affmap.report.packing import Packed, pack, pack_bits
@@ -33,8 +32,8 @@ LENGTH, DEVIATION, OPENING, NATS, CODE = 1e-3, 1e-4, 1e-2, 1e-2, 1e-4
 """What is shown is rounded to these: u, u, share, nats, and the context code's own unit."""
 
 
-def player(results: Results, settings: ReportSettings) -> blocks.Block:
-    """The block that plays runs of every setting."""
+def player(results: Results, settings: ReportSettings) -> dict[str, Any]:
+    """What `player.html` shows: runs of every setting, their caption, and a legend of shape, colour and words."""
     count = max(1, MAX_RUNS // len(results.settings))
     chosen = {layout: sorted(middle_runs(results, layout)[:count]) for layout in results.layouts}
     worlds: dict[Layout, int] = {}
@@ -67,7 +66,8 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
         "extent": EXTENT,
     }
     present = {circle.effect for world in worlds for circle in world.circles}
-    return blocks.player(data, _caption(results, max(map(len, chosen.values())), present), _legend(present))
+    caption = _caption(results, max(map(len, chosen.values())), present)
+    return {"data": data, "caption": caption, "legend": _legend(present)}
 
 
 def describe(world: Layout, radius: float) -> dict[str, Any]:
