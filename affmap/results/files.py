@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from affmap.env.layout import Layout
+from affmap.env.scene import Scene
 from affmap.settings.messages import ConfigError
 from affmap.store.files import guarded_read, read_arrays
 from affmap.store.provenance import PROVENANCE
@@ -187,6 +188,22 @@ class Trajectories(NamedTuple):
     """`[B]`."""
     run: NDArray[np.integer]
     """`[B]`."""
+
+    def scene(self, index: int, step: int, layout: Layout, radius: float) -> Scene:
+        """The moment at which run `index` of the B makes the plan of a step, for a vehicle of `radius` (u)."""
+        past = self.position[index, : step + 1]
+        return Scene(
+            layout,
+            radius,
+            past[-1],
+            self.goal[index],
+            action=self.action[index, step],
+            path=self.planned_position[index, step],
+            std=self.planned_std[index, step],
+            past=past,
+            start=past[0],
+            in_fog=bool(step and self.in_fog[index, step - 1]),
+        )
 
 
 def write_trajectories(folder: Path, arrays: dict[str, np.ndarray]) -> None:
