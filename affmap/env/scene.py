@@ -4,8 +4,7 @@ Painters draw the shapes: `rendering` with pygame, `report.drawing.arena` with M
 Lengths are in u.
 """
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,24 +21,21 @@ CROSS = np.array([[[-1, -1], [1, 1]], [[-1, 1], [1, -1]]])
 
 
 class Layer(NamedTuple):
-    """How a part of a picture looks."""
+    """How a part of a picture looks; its sign (disc, ring, line, cross or square) and its label are for legends."""
 
     color: str
-    """`#rrggbb`."""
     width: float = 0.0
     """Of the pen, in points in print and in pixels where a screen has 200 a unit; 0 fills the shape."""
     opacity: float = 1.0
     size: float = 0.0
-    """Radius or half the side of a sign, length of a fully open throttle's jet, or number of deviations."""
+    """Radius or half the side (u), length of the jet of a fully open throttle (u), or number of deviations."""
     sign: str = ""
-    """Its shape in a legend: disc, ring, line, cross or square."""
     label: str = ""
-    """Its name there; empty where it needs none."""
 
 
 LAYERS = {
     "view": Layer("#777777", 0.8, size=EXTENT / 2, sign="square", label="what is seen"),
-    "candidates": Layer("#969696", 0.5, sign="line", label="candidates"),
+    "candidates": Layer("#969696", 0.5),
     "uncertainty": Layer("#0072b2", 0.5, 0.4, NUM_DEVIATIONS, "ring", f"uncertainty ({NUM_DEVIATIONS} sd)"),
     "past": Layer("#000000", 1.3, sign="line", label="past path"),
     "start": Layer("#000000", size=0.03, sign="square", label="start"),
@@ -54,27 +50,22 @@ LAYERS = {
 
 
 class Mark(NamedTuple):
-    """A shape: an ellipse where it has radii, else a line or, without a pen, the area that it surrounds."""
+    """A shape: an ellipse with `radii [2]` around `points [1, 2]`, else a line `[N, 2]`, or what it encloses."""
 
     layer: Layer
     points: np.ndarray
-    """`[N, 2]`, of the line, or `[1, 2]`, the ellipse's centre."""
     radii: np.ndarray | None = None
-    """`[2]`, along x and y."""
 
 
 class Scene(NamedTuple):
-    """A moment in a world."""
+    """A moment in a world: a vehicle of some radius, its position and its goal `[2]`, and what else is to be shown."""
 
     layout: Layout
     radius: float
-    """Of the vehicle."""
     position: np.ndarray
-    """`[2]`, of the vehicle."""
     goal: np.ndarray
-    """`[2]`"""
     goal_radius: float = 0.0
-    """Distance at which the goal counts as reached; 0 does not show it."""
+    """Distance at which the goal counts as reached; 0 is not shown."""
     action: np.ndarray | None = None
     """`[4]`, opening of the throttles."""
     path: np.ndarray | None = None
@@ -86,7 +77,7 @@ class Scene(NamedTuple):
     past: np.ndarray | None = None
     """`[T, 2]`, where the vehicle has been, up to now."""
     start: np.ndarray | None = None
-    """`[2]`"""
+    """`[2]`, where it set off."""
     ground: np.ndarray | None = None
     """`[Y, X, 3]` in [0, 1], colours of the ground, on which circles are outlines; row 0 is y = 0."""
     in_fog: bool = False
@@ -96,42 +87,32 @@ class Scene(NamedTuple):
 
     def marks(self) -> list[Mark]:
         """Shapes, from the lowest to the highest."""
-        here, layers = self.position, LAYERS
-        path = np.empty((0, 2)) if self.path is None else self.path[np.isfinite(self.path).all(1)]
-        radii = () if self.std is None else layers["uncertainty"].size * self.std[np.isfinite(self.std).all(1)]
-        candidates = () if self.candidates is None else self.candidates
-        shapes: dict[str, list[tuple[np.ndarray, float | np.ndarray | None]]] = {
-            "view": [(here + layers["view"].size * SQUARE, None)] if self.view else [],
-            "candidates": [(np.vstack([here, *candidate]), None) for candidate in candidates],
-            "uncertainty": list(zip(path, radii, strict=False)),
-            "past": [] if self.past is None else [(self.past, None)],
-            "start": [] if self.start is None else [(self.start + layers["start"].size * SQUARE, None)],
-            "plan": [(path if self.in_fog else np.vstack([here, path]), None)] if len(path) else [],
-            "steps": [(point, layers["steps"].size) for point in path],
-            "throttles": [(jet, None) for jet in self._jets()],
-            "vehicle": [(here, self.radius)],
-            "reach": [(self.goal, self.goal_radius)] if self.goal_radius else [],
-            "goal": [(self.goal + layers["goal"].size * stroke, None) for stroke in CROSS],
+        parts = self.std, self.candidates, self.past, self.action
+        std, candidates, past, action = (() if part is None else part for part in parts)
+        path = [] if self.path is None else [point for point in self.path if np.isfinite(point).all()]
+        here, size = self.position, {name: layer.size for name, layer in LAYERS.items()}
+        rim, full = self.radius, self.radius + size["throttles"] * np.asarray(action, float)
+        shapes: dict[str, list[tuple[Any, ...]]] = {
+            "view": [(here + size["view"] * SQUARE,)] if self.view else [],
+            "candidates": [([here, *candidate],) for candidate in candidates],
+            "uncertainty": [(point, size["uncertainty"] * each) for point, each in zip(path, std, strict=False)],
+            "past": [(past,)],
+            "start": [] if self.start is None else [(self.start + size["start"] * SQUARE,)],
+            "plan": [(path if self.in_fog else [here, *path],)],
+            "steps": [(point, np.full(2, size["steps"])) for point in path],
+            # Jets leave on the side opposite to where they push.
+            "throttles": [([here - rim * d, here - end * d],) for d, end in zip(THROTTLES, full, strict=False)],
+            "vehicle": [(here, np.full(2, self.radius))],
+            "reach": [(self.goal, np.full(2, self.goal_radius))] if self.goal_radius else [],
+            "goal": [(self.goal + size["goal"] * stroke,) for stroke in CROSS],
         }
         marks = circle_marks(self.layout, self.ground is None)
-        for name, layer in layers.items():
+        for name, layer in LAYERS.items():
             looks = [layer]
             if self.ground is not None and layer.width and name not in ("view", "candidates"):
                 looks.insert(0, layer._replace(color="#ffffff", width=layer.width + 2))  # whatever the ground's colour
-            for look in looks:
-                marks += [
-                    Mark(look, np.atleast_2d(points), None if radii is None else np.broadcast_to(radii, 2))
-                    for points, radii in shapes[name]
-                    if radii is not None or len(points) > 1  # a flight begins without a past
-                ]
-        return marks
-
-    def _jets(self) -> Iterator[np.ndarray]:
-        """Lines `[2, 2]` from the vehicle's rim, on the side opposite to where an open throttle pushes."""
-        for direction, opening in zip(THROTTLES, () if self.action is None else self.action, strict=False):
-            if opening > 0:
-                ends = self.radius + np.array([[0.0], [LAYERS["throttles"].size * opening]])
-                yield self.position - ends * direction
+            marks += [Mark(look, np.atleast_2d(points), *radii) for look in looks for points, *radii in shapes[name]]
+        return [mark for mark in marks if mark.radii is not None or np.ptp(mark.points, axis=0).any()]
 
 
 def circle_marks(layout: Layout, filled: bool = True) -> list[Mark]:

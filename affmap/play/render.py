@@ -72,8 +72,8 @@ def film(
             codes = AffordanceMap.paint(agent.stack, [flown.map], SPACING).codes[0].numpy()
             shown["ground"] = Palette.fit(codes.reshape(-1, context_size))(codes)
         title = f"context code of {context_size}" if context_size else "no context code"
-        steps = range(paths.action.shape[1])
-        films.append(_pictures([paths.scene(run, step, flown, radius)._replace(**shown) for step in steps], title))
+        scenes = [paths.scene(run, step, flown, radius) for step in range(paths.action.shape[1])]
+        films.append(_pictures([scene._replace(**shown) for scene in scenes], title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
         row = [part for picture in pictures for part in (picture, gap)]

@@ -161,21 +161,12 @@ class Window:
 
     def draw(self) -> None:
         """Draw everything."""
-        game, thought = self.game, self.game.thought
+        game, env, thought = self.game, self.game.env, self.game.thought
         self.screen.fill(WHITE)
         canvas = self._canvas
-        scene = Scene(
-            game.layout,
-            game.env.vehicle.radius,
-            game.past[-1],
-            game.env.goal,
-            game.env.goal_radius,
-            game.env.action,
-            past=np.array(game.past[-200:]),
-            ground=game.ground if self.shown.map else None,
-            in_fog=game.in_fog,
-            view=self.shown.view,
-        )
+        scene = Scene(game.layout, env.vehicle.radius, game.past[-1], env.goal, env.goal_radius, env.action)
+        ground = game.ground if self.shown.map else None
+        scene = scene._replace(past=np.array(game.past[-200:]), in_fog=game.in_fog, view=self.shown.view, ground=ground)
         if thought:
             scene = scene._replace(path=thought.path, std=thought.std)
             scene = scene._replace(candidates=thought.candidates if self.shown.candidates else None)

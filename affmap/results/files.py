@@ -191,18 +191,11 @@ class Trajectories(NamedTuple):
 
     def scene(self, index: int, step: int, layout: Layout, radius: float) -> Scene:
         """The moment at which run `index` of the B makes the plan of a step, for a vehicle of `radius` (u)."""
-        past = self.position[index, : step + 1]
-        return Scene(
-            layout,
-            radius,
-            past[-1],
-            self.goal[index],
-            action=self.action[index, step],
-            path=self.planned_position[index, step],
-            std=self.planned_std[index, step],
-            past=past,
-            start=past[0],
-            in_fog=bool(step and self.in_fog[index, step - 1]),
+        past, moment = self.position[index, : step + 1], (index, step)
+        lost = bool(step and self.in_fog[index, step - 1])
+        scene = Scene(layout, radius, past[-1], self.goal[index], past=past, start=past[0], in_fog=lost)
+        return scene._replace(
+            action=self.action[moment], path=self.planned_position[moment], std=self.planned_std[moment]
         )
 
 

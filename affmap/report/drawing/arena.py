@@ -67,13 +67,13 @@ def arena(ax: Axes, world: Layout) -> Axes:
 
 
 def scene(ax: Axes, moment: Scene) -> Axes:
-    """A moment of a flight."""
+    """Draw a moment of a flight, in the framed arena."""
     paint_marks(ax, moment.marks())
     return arena(ax, moment.layout)
 
 
-def paint_marks(ax: Axes, marks: Iterable[Mark]) -> Axes:
-    """Shapes, from the lowest to the highest."""
+def paint_marks(ax: Axes, marks: Iterable[Mark]) -> None:
+    """Draw shapes, from the lowest to the highest."""
     for layer, points, radii in marks:
         look: dict[str, Any] = {"alpha": layer.opacity, "lw": layer.width, "color": layer.color, "zorder": 2}
         if radii is None and layer.width:
@@ -82,30 +82,26 @@ def paint_marks(ax: Axes, marks: Iterable[Mark]) -> Axes:
         shape = Polygon(points) if radii is None else Ellipse(points[0], *(2 * radii))
         shape.set(fill=not layer.width, **look)
         ax.add_patch(shape)
-    return ax
 
 
-MARKERS = {"disc": "o", "ring": "o", "cross": "x", "square": "s"}
+SIGNS: dict[str, dict[str, Any]] = {
+    "line": {"ls": "-"},
+    "disc": {"marker": "o"},
+    "ring": {"marker": "o", "mfc": "none", "mew": 0.6},
+    "cross": {"marker": "x", "mew": 2.0},
+    "square": {"marker": "s"},
+}
 
 
 def handles(scenes: Sequence[Scene]) -> list[Line2D | Patch]:
     """Legend entries for all that `scenes` show."""
     shown = {mark.layer for scene in scenes for mark in scene.marks() if mark.layer.label}
-    entries = [
-        Line2D(
-            [],
-            [],
-            color=layer.color,
-            ls="-" if layer.sign == "line" else "",
-            marker=MARKERS.get(layer.sign, ""),
-            mew=layer.width or None,
-            mfc="none" if layer.sign == "ring" else layer.color,
-            label=layer.label,
-        )
+    signs = [
+        Line2D([], [], **{"ls": "", "color": layer.color, "label": layer.label, **SIGNS[layer.sign]})
         for layer in reversed(LAYERS.values())
         if layer in shown
     ]
-    return entries + effect_handles(scene.layout for scene in scenes)
+    return signs + effect_handles(scene.layout for scene in scenes)
 
 
 def effect_handles(worlds: Iterable[Layout]) -> list[Patch]:

@@ -1,28 +1,31 @@
 // One moment of a run as marks, the lowest first: for a flight that is played, the same as `Scene.marks` in scene.py.
 
 function moment({ layers, throttles }, run, step) {
-  const { start, goal, view, steps, uncertainty, throttles: jets } = layers;
-  const at = ([x, y], size, corners) => corners.map(([right, up]) => [x + size * right, y + size * up]);
+  const size = (name) => layers[name].size;
   const square = [[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]];
-  const here = run.position(step);
-  const plans = step < run.steps; // nothing is decided at the end
-  const path = plans ? pairs(run.planned(step)) : [];
-  const std = plans ? pairs(run.std(step)) : [];
-  const lost = step > 0 && run.in_fog[step - 1]; // then the plan starts where the vehicle is told to be
-  const line = (points) => ({ points });
+  const line = (...points) => ({ points });
+  const at = ([x, y], scale, corners) => line(...corners.map(([right, up]) => [x + scale * right, y + scale * up]));
   const ellipse = (center, radii) => ({ points: [center], radii });
-  const jet = (opening, index) =>
-    line([0, jets.size * opening].map((length) => at(here, -run.world.radius - length, [throttles[index]])[0]));
+  const disc = (center, radius) => ellipse(center, [radius, radius]);
+  const here = run.position(step);
+  const { radius } = run.world;
+  const made = (values) => (step < run.steps ? [...values(step)] : []); // nothing is decided at the end
+  const [path, std] = [run.planned, run.std].map((values) => pairs(made(values)));
+  const lost = step > 0 && run.in_fog[step - 1]; // then the plan starts where the vehicle is told to be
+  const jet = (opening, index) => { // which leaves on the side opposite to where it pushes
+    const ends = [radius, radius + size("throttles") * opening];
+    return opening > 0 ? [at(here, -1, ends.map((end) => throttles[index].map((part) => end * part)))] : [];
+  };
   const shapes = {
-    view: [line(at(here, view.size, square))],
-    uncertainty: path.map((point, index) => ellipse(point, std[index].map((each) => uncertainty.size * each))),
-    past: step ? [line(Array.from({ length: step + 1 }, (_, past) => run.position(past)))] : [],
-    start: [line(at(run.position(0), start.size, square))],
-    plan: path.length ? [line(lost ? path : [here, ...path])] : [],
-    steps: path.map((point) => ellipse(point, [steps.size, steps.size])),
-    throttles: plans ? Array.from(run.action(step), jet).filter((_, index) => run.action(step)[index] > 0) : [],
-    vehicle: [ellipse(here, [run.world.radius, run.world.radius])],
-    goal: [1, -1].map((side) => line(at(run.goal, goal.size, [[-1, -side], [1, side]]))),
+    view: [at(here, size("view"), square)],
+    uncertainty: path.map((point, index) => ellipse(point, std[index].map((each) => size("uncertainty") * each))),
+    past: step ? [line(...Array.from({ length: step + 1 }, (_, past) => run.position(past)))] : [],
+    start: [at(run.position(0), size("start"), square)],
+    plan: path.length ? [line(...(lost ? [] : [here]), ...path)] : [],
+    steps: path.map((point) => disc(point, size("steps"))),
+    throttles: made(run.action).flatMap(jet),
+    vehicle: [disc(here, radius)],
+    goal: [1, -1].map((side) => at(run.goal, size("goal"), [[-1, -side], [1, side]])),
   };
   const marks = Object.entries(layers).map(([name, layer]) => (shapes[name] ?? []).map((each) => ({ layer, ...each })));
   return [...run.world.circles, ...marks.flat()];
