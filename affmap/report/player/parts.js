@@ -104,10 +104,6 @@ class Picture {
     return [((event.clientX - left) / width) * size[0], (1 - (event.clientY - top) / height) * size[1]];
   }
 
-  ring(x, y, radiusX, radiusY, color, pixels) {
-    this.mark({ layer: { color, width: pixels, opacity: 1 }, points: [[x, y]], radii: [radiusX, radiusY] });
-  }
-
   /** A shape, see scene.py: an ellipse where it has radii, else a line or, without a pen, the area inside. */
   mark({ layer: { color, width, opacity }, points, radii }) {
     const { context } = this;

@@ -55,7 +55,7 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
         "first": next((number for number, run in enumerate(runs) if run["choice"][-2] == str(size)), 0),
         "keys": [*(factor.label.capitalize() for factor in factors), "Run"],
         "runs": runs,
-        "worlds": [_world(world, radius) for world in worlds],
+        "worlds": [describe(world, radius) for world in worlds],
         "layers": {name: layer._asdict() for name, layer in LAYERS.items()},
         "throttles": THROTTLES.tolist(),
     }
@@ -64,26 +64,12 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
 
 
 def describe(world: Layout, radius: float) -> dict[str, Any]:
-    """A layout as the page draws it: its size, the vehicle's radius (u) and circles."""
-    return {
-        "size": world.size,
-        "radius": radius,
-        "circles": [[*circle.center, circle.radius, circle.effect] for circle in world.circles],
-    }
-
-
-def _world(world: Layout, radius: float) -> dict[str, Any]:
-    """A layout with the marks of its circles, and what can be seen in it."""
+    """A layout as the page draws it: its size, the vehicle's radius (u), the marks of its circles, and its channels."""
     circles = [
         {"layer": layer._asdict(), "points": points.tolist(), "radii": None if radii is None else radii.tolist()}
         for layer, points, radii in circle_marks(world)
     ]
     return {"size": world.size, "radius": radius, "circles": circles, "channels": world.channels}
-
-
-def effects() -> list[dict[str, Any]]:
-    """What circles do, from the lowest to the highest in a picture: name, colour, and where they pull."""
-    return [{"name": name, "color": effect.color, "pull": effect.pull} for name, effect in EFFECTS.items()]
 
 
 def codes_along(results: Results, job: Setting, member: int, path: Floats, world: Layout) -> Floats | None:
@@ -164,10 +150,6 @@ def _caption(results: Results, count: int, present: set[str]) -> str:
 def _legend(present: set[str]) -> list[tuple[str, str, str]]:
     """Shape, colour and words of what is drawn."""
     return [
-        *(
-            (each.sign, each.color, each.label)
-            for name, each in reversed(LAYERS.items())
-            if each.label and name != "candidates"
-        ),
+        *((each.sign, each.color, each.label) for each in reversed(LAYERS.values()) if each.label),
         *(("disc", effect.color, effect.label) for name, effect in EFFECTS.items() if name in present),
     ]
