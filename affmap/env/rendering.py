@@ -60,7 +60,7 @@ class Canvas:
         pixels = np.rint((mark.points * (1, -1) + (0, self._height)) * self._scale).astype(int).tolist()
         if mark.radii is not None:
             color.a = round(255 * mark.layer.opacity)  # which only a surface of its own blends
-            ellipse = pygame.Surface(np.rint(2 * self._scale * mark.radii).clip(2).tolist(), pygame.SRCALPHA)
+            ellipse = pygame.Surface(np.rint(2 * self._scale * mark.radii + width).clip(2).tolist(), pygame.SRCALPHA)
             pygame.draw.ellipse(ellipse, color, ellipse.get_rect(), width)
             self.surface.blit(ellipse, ellipse.get_rect(center=pixels[0]))
         elif width == 1:
