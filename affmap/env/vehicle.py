@@ -177,16 +177,17 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def render(self) -> np.ndarray | None:
         """The picture of now: `[400, 600, 3]` uint8 for "rgb_array"; for "human" it goes to a window."""
-        from affmap.env.rendering import Canvas, Scene
+        from affmap.env.rendering import Canvas
+        from affmap.env.scene import Scene
 
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with one.")
             return None
         if self._canvas is None:
-            self._canvas = Canvas(self._arena.size, self.vehicle, window=self.render_mode == "human")
+            self._canvas = Canvas(self._arena.size, window=self.render_mode == "human")
         physics = self._running()
-        scene = Scene(self.layout, physics.position, self.action, self.goal, self.goal_radius, self.planned_positions)
-        self._canvas.draw(scene)
+        scene = Scene(self.layout, self.vehicle.radius, physics.position, self.goal, self.goal_radius, self.action)
+        self._canvas.draw(scene._replace(path=self.planned_positions, in_fog=physics.in_fog))
         return self._canvas.show(RENDER_FPS) if self.render_mode == "human" else self._canvas.array()
 
     def close(self) -> None:

@@ -49,6 +49,7 @@ class Game:
         throttles: `[4]`, what the player does.
         thought: what the agent had in mind with its last action; None where it has not acted.
         past: true positions since the last reset, `[2]` each, u.
+        in_fog: whether the vehicle is in fog.
         ground: `[Y, X, 3]`, the affordance map in colours; None where there is no context code.
         message: a sentence for the player, about what could not be done.
     """
@@ -88,7 +89,7 @@ class Game:
         """Start in a corner, with the goal in the opposite one."""
         self._observation, info = self.env.reset(seed=next(self._seeds))
         self._pilot.reset()
-        self.past = [info["position"]]
+        self.past, self.in_fog = [info["position"]], info["in_fog"]
         self.thought: Thought | None = None
 
     def change(self, **values: object) -> None:
@@ -107,6 +108,7 @@ class Game:
         if not paused:
             self._observation, _, _, _, info = self.env.step(action)
             self.past.append(info["position"])
+            self.in_fog = info["in_fog"]
 
     def set_goal(self, goal: Sequence[float]) -> None:
         """Fly to a point of the arena `[2]`, u."""
@@ -128,12 +130,12 @@ class Game:
         try:
             env = VehicleEnv(layout)
             options = {"position": self.past[-1], "goal": self.env.goal}
-            observation, _ = env.reset(seed=next(self._seeds), options=options)
+            observation, info = env.reset(seed=next(self._seeds), options=options)
         except ValueError:
             self.message = "A circle may cover neither a start corner nor the vehicle."
             return
         self.message = ""
-        self.layout, self.env, self._observation = layout, env, observation
+        self.layout, self.env, self._observation, self.in_fog = layout, env, observation, info["in_fog"]
         self._take_controls(new_colors=False)
 
     @property

@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -17,12 +17,13 @@ from affmap.cli.app import command
 from affmap.control.episodes import fly
 from affmap.control.pretrained import experiments, load, origin
 from affmap.env.body import Vehicle
-from affmap.env.layout import Layout
 from affmap.env.procedural import world
-from affmap.env.rendering import BLACK, WHITE, Canvas, Scene
+from affmap.env.rendering import BLACK, WHITE, Canvas
+from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.model.lookup import AffordanceMap
 from affmap.model.palette import Palette
+from affmap.results.files import Trajectories
 from affmap.settings import ConfigError
 
 SCALE, HEAD, GAP = 160, 26, 8  # pixels: a unit, the line above a picture, between pictures
@@ -59,38 +60,34 @@ def film(
     Raises:
         ConfigError: there are no such models, world or planner.
     """
-    flown = world(layout or origin(source).layout, member)
+    flown, radius = world(layout or origin(source).layout, member), Vehicle.load("vehicle", "default").radius
     films = []
     for context_size in context_sizes:
         agent = load(source, context_size=context_size, members=[member], planner=planner)
         if num_steps:
             agent.settings = agent.settings.model_copy(update={"num_steps": num_steps})
-        trajectories = {key: values[run] for key, values in fly(agent, flown).trajectories.items()}
-        ground = None
+        paths = Trajectories(**fly(agent, flown).trajectories)
+        shown: dict[str, Any] = {"goal_radius": agent.settings.goal_radius}
         if with_map and context_size:
             codes = AffordanceMap.paint(agent.stack, [flown.map], SPACING).codes[0].numpy()
-            ground = Palette.fit(codes.reshape(-1, context_size))(codes)
+            shown["ground"] = Palette.fit(codes.reshape(-1, context_size))(codes)
         title = f"context code of {context_size}" if context_size else "no context code"
-        films.append(_pictures(flown, trajectories, ground, agent.settings.goal_radius, title))
+        scenes = [paths.scene(run, step, flown, radius) for step in range(paths.action.shape[1])]
+        films.append(_pictures([scene._replace(**shown) for scene in scenes], title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
         row = [part for picture in pictures for part in (picture, gap)]
         yield np.concatenate(row[:-1], axis=1)
 
 
-def _pictures(
-    layout: Layout, flight: Mapping[str, np.ndarray], ground: np.ndarray | None, goal_radius: float, title: str
-) -> Iterator[Frame]:
-    """One flight; `flight` holds what `Runs.trajectories` has of it."""
-    canvas = Canvas(layout.size, Vehicle.load("vehicle", "default"), window=False, pixels_per_unit=SCALE)
+def _pictures(scenes: Iterable[Scene], title: str) -> Iterator[Frame]:
+    """One flight, with a line above each picture."""
     pygame.font.init()
     font = pygame.font.Font(None, HEAD)
-    for step, action in enumerate(flight["action"]):
-        path, std = (flight[key][step] for key in ("planned_position", "planned_std"))
-        position, goal = flight["position"][step], flight["goal"]
-        past = flight["position"][: step + 1]
-        canvas.draw(Scene(layout, position, action, goal, goal_radius, path, std, past=past, ground=ground))
-        distance = float(np.hypot(*(position - goal)))
+    for step, scene in enumerate(scenes):
+        canvas = Canvas(scene.layout.size, window=False, pixels_per_unit=SCALE)
+        canvas.draw(scene)
+        distance = float(np.hypot(*(scene.position - scene.goal)))
         line = font.render(f"{title}: step {step}, {distance:.2f} u to the goal", True, BLACK)
         head = pygame.Surface((canvas.surface.get_width(), HEAD))
         head.fill(WHITE)

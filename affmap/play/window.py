@@ -13,7 +13,8 @@ import torch
 from affmap.cli.app import command
 from affmap.control.pretrained import experiments
 from affmap.env.body import THROTTLES
-from affmap.env.rendering import BLACK, PLAN, WHITE, Canvas, Scene
+from affmap.env.rendering import BLACK, WHITE, Canvas
+from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.play.game import BETAS, LOOKUPS, Game
 from affmap.results.setting import PLANNERS
@@ -78,7 +79,7 @@ class Window:
     def _fit(self) -> None:
         """Give the window the size of the world."""
         game = self.game
-        self._canvas = Canvas(game.layout.size, game.env.vehicle, window=False, pixels_per_unit=SCALE)
+        self._canvas = Canvas(game.layout.size, window=False, pixels_per_unit=SCALE)
         width, height = self._canvas.surface.get_size()
         self.screen = pygame.display.set_mode((width + PANEL, height + FOOT))
 
@@ -160,21 +161,16 @@ class Window:
 
     def draw(self) -> None:
         """Draw everything."""
-        game, thought = self.game, self.game.thought
+        game, env, thought = self.game, self.game.env, self.game.thought
         self.screen.fill(WHITE)
         canvas = self._canvas
-        scene = Scene(
-            game.layout,
-            game.past[-1],
-            game.env.action,
-            game.env.goal,
-            game.env.goal_radius,
-            past=np.array(game.past[-200:]),
-        )
+        scene = Scene(game.layout, env.vehicle.radius, game.past[-1], env.goal, env.goal_radius, env.action)
+        ground = game.ground if self.shown.map else None
+        scene = scene._replace(past=np.array(game.past[-200:]), in_fog=game.in_fog, view=self.shown.view, ground=ground)
         if thought:
             scene = scene._replace(path=thought.path, std=thought.std)
             scene = scene._replace(candidates=thought.candidates if self.shown.candidates else None)
-        canvas.draw(scene._replace(ground=game.ground if self.shown.map else None))
+        canvas.draw(scene)
         self.screen.blit(canvas.surface, (0, 0))
         self._panel(canvas.surface.get_width() + MARGIN)
         foot = canvas.surface.get_height() + FOOT // 3
@@ -186,21 +182,18 @@ class Window:
         flown = "by hand" if game.by_hand else "by the agent"
         state = "paused" if self.paused else f"flown {flown}"
         lines = [
-            (f"{state}, {game.distance:.2f} u to the goal", BLACK),
-            (f"C   context code: {setting.context_size or 'none'}", PLAN),
-            (
-                f"P   planner: {planner}",
-                PLAN,
-            ),
-            (f"B   beta, weight on uncertainty: {setting.beta:g}", PLAN),
-            (f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}", PLAN),
-            (f"W   world: {game.world}", PLAN),
-            (f"M   map in colours: {_on(self.shown.map) if setting.context_size else 'there is none'}", PLAN),
-            (f"H   candidates: {_on(self.shown.candidates)}", PLAN),
-            (f"V   view: {_on(self.shown.view)}", PLAN),
+            f"{state}, {game.distance:.2f} u to the goal",
+            f"C   context code: {setting.context_size or 'none'}",
+            f"P   planner: {planner}",
+            f"B   beta, weight on uncertainty: {setting.beta:g}",
+            f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}",
+            f"W   world: {game.world}",
+            f"M   map in colours: {_on(self.shown.map) if setting.context_size else 'there is none'}",
+            f"H   candidates: {_on(self.shown.candidates)}",
+            f"V   view: {_on(self.shown.view)}",
         ]
-        for number, (line, color) in enumerate(lines):
-            self._text(line, (left, MARGIN + 25 * number), color, self._font)
+        for number, line in enumerate(lines):
+            self._text(line, (left, MARGIN + 25 * number), BLACK, self._font)
         top = MARGIN + 25 * len(lines) + 12
         if self.shown.view:
             top = self._view(left, top)

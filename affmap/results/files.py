@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from affmap.env.layout import Layout
+from affmap.env.scene import Scene
 from affmap.settings.messages import ConfigError
 from affmap.store.files import guarded_read, read_arrays
 from affmap.store.provenance import PROVENANCE
@@ -187,6 +188,15 @@ class Trajectories(NamedTuple):
     """`[B]`."""
     run: NDArray[np.integer]
     """`[B]`."""
+
+    def scene(self, index: int, step: int, layout: Layout, radius: float) -> Scene:
+        """The moment at which run `index` of the B makes the plan of a step, for a vehicle of `radius` (u)."""
+        past, moment = self.position[index, : step + 1], (index, step)
+        lost = bool(step and self.in_fog[index, step - 1])
+        scene = Scene(layout, radius, past[-1], self.goal[index], past=past, start=past[0], in_fog=lost)
+        return scene._replace(
+            action=self.action[moment], path=self.planned_position[moment], std=self.planned_std[moment]
+        )
 
 
 def write_trajectories(folder: Path, arrays: dict[str, np.ndarray]) -> None:

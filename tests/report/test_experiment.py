@@ -312,7 +312,10 @@ def test_the_notice_is_red_on_every_figure(reports: dict[str, Path]) -> None:
 
 
 def test_the_notice_is_red_at_the_head_of_the_document(tmp_path: Path) -> None:
-    pages = {notice: page.pdf(tmp_path, f"# Title\n\n**{notice}**\n", notice, format="png", ppi=72) for notice in ("", NOTICE)}
+    pages = {
+        notice: page.pdf(tmp_path, f"# Title\n\n**{notice}**\n", notice, format="png", ppi=72)
+        for notice in ("", NOTICE)
+    }
     assert _red_pixels(pages[""], 150) == 0 and _red_pixels(pages[NOTICE], 150) > 100
 
 

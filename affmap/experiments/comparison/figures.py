@@ -10,10 +10,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from affmap.experiments.comparison.report import format_value
-from affmap.report.drawing.colors import PLAN_COLOR, context_color
+from affmap.report.drawing.colors import context_color
 from affmap.report.drawing.files import STYLE, new_figure, save
 from affmap.report.drawing.numbers import HUGE
 from affmap.results.metrics import METRICS
+from affmap.results.setting import PLANNERS
 
 SPACING = "lookup.spacing"
 """The key of compared look-ups, whose context codes have errors."""
@@ -101,7 +102,7 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             group["difference"],
             reach,
             fmt="os^vDPX*"[place % 8],
-            color=context_color(group["context_size"].iloc[0]) if several else PLAN_COLOR,
+            color=context_color(group["context_size"].iloc[0]) if several else PLANNERS["cem"].color,
             ms=3.5,
             capsize=2,
             lw=1,

@@ -15,9 +15,6 @@ from affmap.results.tables import Results
 
 GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol: told apart, in their order
 
-PLAN_COLOR = PLANNERS["cem"].color
-"""Of imagined paths."""
-
 
 class Groups(NamedTuple):
     """The values that colours tell apart, with names and colours, and the factor on the x axis."""

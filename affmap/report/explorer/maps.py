@@ -11,7 +11,7 @@ from matplotlib.image import imsave
 from affmap.report.drawing.colors import readable
 from affmap.report.packing import pack
 from affmap.report.painted import Painted, map_size, paint, painted
-from affmap.report.player.runs import CODE, describe, effects
+from affmap.report.player.runs import CODE, describe
 from affmap.results.files import Floats
 from affmap.results.setting import ALWAYS, Factor, ReportSettings
 from affmap.results.tables import Results
@@ -36,7 +36,7 @@ def explorer(results: Results, settings: ReportSettings) -> dict[str, Any] | Non
         "between −1 and 1; that of one model means nothing to another."
     )
     first = next(place for place, found in enumerate(maps) if found["choice"][1] == str(map_size(results)))
-    data = {"first": first, "keys": ["World", "Context size"], "maps": maps, "effects": effects()}
+    data = {"first": first, "keys": ["World", "Context size"], "maps": maps}
     return {"data": data, "caption": caption}
 
 
@@ -58,7 +58,7 @@ def _map(part: Painted, colors: Floats, factors: Sequence[Factor], settings: Rep
             ", ".join([readable(part.world.name, settings), *(f.format(part.setting.values[f.key]) for f in factors)]),
             str(part.setting.context_size),
         ],
-        "world": describe(part.world, part.radius) | {"channels": ()},
+        "world": describe(part.world, part.radius),
         "picture": f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode('ascii')}",
         "edges": [(first - pitch / 2).tolist(), (last + pitch / 2).tolist()],  # a node is in the middle of its pixel
         "origin": first.tolist(),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from affmap.env.body import NUM_DEVIATIONS
+from affmap.env.scene import NUM_DEVIATIONS
 from affmap.report.drawing import arena
 from affmap.report.drawing.colors import name_of
 from affmap.report.drawing.files import Drawn, new_figure
@@ -23,19 +23,20 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     columns = max(map(len, rows))
     figure = new_figure(0.7 + (2.55 if columns == 2 or len(rows) > 2 else 4.2) * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
-    flown = []
+    scenes = []
     for axes, shown, row in zip(grid, rows, chosen, strict=True):
         for ax in axes[len(shown) :]:
             ax.set_axis_off()
         for ax, example in zip(axes, shown, strict=False):
-            flown.append(results.worlds(example.setting)[example.problem])
-            radius = results.vehicle_radius(example.setting)
-            arena.trajectory(ax, example.paths, example.problem, example.step, flown[-1], radius)
+            place = results.worlds(example.setting)[example.problem], results.vehicle_radius(example.setting)
+            # Without throttles, whose jets are too small in print.
+            scenes.append(example.paths.scene(example.problem, example.step, *place)._replace(action=None))
+            arena.scene(ax, scenes[-1])
             where = f"{_row_name(results, row, settings)}, " if len(rows) > 1 else ""
             value = example.setting.values[results.x.key]
-            place = name_of(results.x, value, settings) if isinstance(value, str) else f"{results.x.label} {value}"
-            ax.set_title(f"{where}{place}, step {example.step}", loc="left")
-    handles = grid[0, 0].get_legend_handles_labels()[0] + arena.effect_handles(flown)
+            name = name_of(results.x, value, settings) if isinstance(value, str) else f"{results.x.label} {value}"
+            ax.set_title(f"{where}{name}, step {example.step}", loc="left")
+    handles = arena.handles(scenes)
     columns = len(handles) if len(handles) <= 6 else -(-len(handles) // 2)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return Drawn(figure, _caption(results, settings))
@@ -68,7 +69,7 @@ def _caption(results: Results, settings: ReportSettings) -> str:
     noise = " Inside fog a plan starts at the noisy position that the vehicle reports." if fog else ""
     planner = results.planners[0]
     circles = (
-        f" Blue circles: {NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
+        f" Blue ellipses: {NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
         if results.runs["prediction_error"].notna().any()
         else ""
     )

@@ -9,24 +9,21 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import interpn
 
-from affmap.env.body import JET, NUM_DEVIATIONS, THROTTLES
+from affmap.env.body import THROTTLES
 from affmap.env.effects import EFFECTS
 from affmap.env.layout import Layout
-from affmap.report.drawing.arena import GOAL_COLOR, VEHICLE_COLOR
-from affmap.report.drawing.colors import PLAN_COLOR, readable
+from affmap.env.scene import LAYERS, NUM_DEVIATIONS, circle_marks
+from affmap.report.drawing.colors import readable
 from affmap.report.packing import Packed, pack, pack_bits
 from affmap.report.painted import map_size
 from affmap.results.examples import first_member, middle_runs
 from affmap.results.files import Floats
 from affmap.results.setting import ALWAYS, CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings, Setting
 from affmap.results.tables import Results
-from affmap.view import EXTENT, view
+from affmap.view import view
 
 MAX_RUNS = 24
 """Runs of a page; where there are more settings than that, each has one."""
-
-COLORS = {"vehicle": VEHICLE_COLOR, "jet": "#d55e00", "path": "#000000", "plan": PLAN_COLOR}
-COLORS |= {"goal": GOAL_COLOR, "frame": "#777777"}
 
 LENGTH, DEVIATION, OPENING, NATS, CODE = 1e-3, 1e-4, 1e-2, 1e-2, 1e-4
 """What is shown is rounded to these: u, u, share, nats, and the context code's own unit."""
@@ -57,13 +54,9 @@ def player(results: Results, settings: ReportSettings) -> dict[str, Any]:
         "first": next((number for number, run in enumerate(runs) if run["choice"][-2] == str(size)), 0),
         "keys": [*(factor.label.capitalize() for factor in factors), "Run"],
         "runs": runs,
-        "worlds": [describe(world, radius) | {"channels": world.channels} for world in worlds],
-        "effects": effects(),
-        "colors": COLORS,
+        "worlds": [describe(world, radius) for world in worlds],
+        "layers": {name: layer._asdict() for name, layer in LAYERS.items()},
         "throttles": THROTTLES.tolist(),
-        "jet": JET,
-        "deviations": NUM_DEVIATIONS,
-        "extent": EXTENT,
     }
     present = {circle.effect for world in worlds for circle in world.circles}
     caption = _caption(results, max(map(len, chosen.values())), present)
@@ -71,17 +64,12 @@ def player(results: Results, settings: ReportSettings) -> dict[str, Any]:
 
 
 def describe(world: Layout, radius: float) -> dict[str, Any]:
-    """A layout as the page draws it: its size, the vehicle's radius (u) and circles."""
-    return {
-        "size": world.size,
-        "radius": radius,
-        "circles": [[*circle.center, circle.radius, circle.effect] for circle in world.circles],
-    }
-
-
-def effects() -> list[dict[str, Any]]:
-    """What circles do, from the lowest to the highest in a picture: name, colour, and where they pull."""
-    return [{"name": name, "color": effect.color, "pull": effect.pull} for name, effect in EFFECTS.items()]
+    """A layout as the page draws it: its size, the vehicle's radius (u), the marks of its circles, and its channels."""
+    circles = [
+        {"layer": layer._asdict(), "points": points.tolist(), "radii": None if radii is None else radii.tolist()}
+        for layer, points, radii in circle_marks(world)
+    ]
+    return {"size": world.size, "radius": radius, "circles": circles, "channels": world.channels}
 
 
 def codes_along(results: Results, job: Setting, member: int, path: Floats, world: Layout) -> Floats | None:
@@ -148,7 +136,7 @@ def _caption(results: Results, count: int, present: set[str]) -> str:
     found = (
         f"Runs of the first member: in each layout the one that the figure of trajectories shows{others}, in every "
         "setting. A picture shows the moment at which a plan is made: the path so far, the path that the vehicle "
-        f"imagines (circles: {NUM_DEVIATIONS} standard deviations), its throttles, and what it sees. "
+        f"imagines (ellipses: {NUM_DEVIATIONS} standard deviations), its throttles, and what it sees. "
     )
     if "fog" in present:
         found += "Inside fog a plan starts at the noisy position that the vehicle reports. "
@@ -162,11 +150,6 @@ def _caption(results: Results, count: int, present: set[str]) -> str:
 def _legend(present: set[str]) -> list[tuple[str, str, str]]:
     """Shape, colour and words of what is drawn."""
     return [
-        ("disc", COLORS["vehicle"], "vehicle"),
-        ("line", COLORS["jet"], "throttles"),
-        ("line", COLORS["path"], "past path"),
-        ("line", COLORS["plan"], f"imagined path, {NUM_DEVIATIONS} sd"),
-        ("cross", COLORS["goal"], "goal"),
-        ("square", COLORS["frame"], "what is seen"),
+        *((each.sign, each.color, each.label) for each in reversed(LAYERS.values()) if each.label),
         *(("disc", effect.color, effect.label) for name, effect in EFFECTS.items() if name in present),
     ]
