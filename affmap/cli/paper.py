@@ -29,7 +29,7 @@ def _paper(asked: Sweep, keep: bool) -> None:
 
     chapters = []
     for experiment in PAPER:
-        swept = read_sweep(sweep.instead(asked.overrides, experiment, ("output",)))
+        swept = read_sweep(sweep.replace_experiment(asked.overrides, experiment, ("output",)))
         first = swept.first
         try:
             part = completed(swept)

@@ -61,7 +61,7 @@ def _run_search(search: Search) -> None:
     """Make the trials of a search that have not been made."""
     check_output(search.config.output, ())
     check_logger(search.config)
-    sweep.note(search.config.output, search.overrides)
+    sweep.write_note(search.config.output, search.overrides)
     same = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
     search.folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -93,7 +93,7 @@ def _run_sweep(jobs: Sweep) -> None:
         check_models(config)
         check_trials(config)
         check_logger(config)
-    sweep.note(first.output, jobs.overrides)
+    sweep.write_note(first.output, jobs.overrides)
     arguments = [*(["-m"] if sweep.is_sweep(jobs.overrides) else []), *jobs.overrides]
     problem = _launch(arguments)
     while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):

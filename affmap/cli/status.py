@@ -44,7 +44,7 @@ def _status(arguments: list[str]) -> None:
     shown: set[Path] = set()
     for path in folders:
         try:
-            _show(sweep.noted(path), console, shown)
+            _show(sweep.read_note(path), console, shown)
         except (ConfigError, HydraException) as error:  # the others can be told
             problems.append(f"{path}: {error}")
     if problems:

@@ -56,10 +56,10 @@ def _values(sweep: Sweep) -> list[dict[str, Value]]:
 
     A group is told by the name or kind inside it, where that tells its files apart, else by the name of its file.
     """
-    keys = [key for key in sweep.swept[0] if key not in ("seed", "members")]  # parts of a setting
+    keys = [key for key in sweep.values[0] if key not in ("seed", "members")]  # parts of a setting
     every: list[dict[str, Value]] = [{} for _ in sweep.configs]
     for key in keys:
-        given: list[Value] = [swept[key] for swept in sweep.swept]
+        given: list[Value] = [values[key] for values in sweep.values]
         found = [_value(config, key) for config in sweep.configs]
         values: Sequence[Value | None] = found if None not in found and len(set(found)) == len(set(given)) else given
         if key == PLANNER.key and any(config.controller != config.planner.kind for config in sweep.configs):

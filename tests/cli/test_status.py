@@ -129,8 +129,8 @@ def test_a_sweep_that_cannot_be_read_does_not_hide_the_others(
 ) -> None:
     """A key was renamed since; trials were edited: each is named, and what can be told is."""
     older, edited = failing / "older", failing / "edited"
-    sweep.note(older, ["training.old_name=3"])
-    sweep.note(edited, [*line(failing), "search=cem", f"output={edited}"])
+    sweep.write_note(older, ["training.old_name=3"])
+    sweep.write_note(edited, [*line(failing), "search=cem", f"output={edited}"])
     (edited / "jobs/trials.jsonl").write_text("[]\n")
     folders = [str(folder) for folder in (older, edited, failing / "output")]
     assert in_process(monkeypatch, "affmap-status", folders) == 2
@@ -152,7 +152,7 @@ def test_of_many_settings_only_those_are_listed_that_need_a_look() -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["runs/nothing"], "runs/nothing/jobs/sweep.json does not say what was run"),
+        (["runs/nothing"], "runs/nothing/jobs/sweep.json is missing or corrupted"),
         (["runs/nothing", "seed=3"], "takes either folders"),
         (["--all"], "--all is not known here"),
     ],
