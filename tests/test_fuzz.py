@@ -320,7 +320,7 @@ LINES: dict[str, list[str]] = {
         "seed=int(a)", "seed=tag(a,1,2)", "seed=sort(1,a)", "seed=extend_list(1)", "seed=1,,2", "seed=,",
     ],
     "known key": [
-        "key=", "key=1", "model.key=1", "defaults=[]", "planner={a: 1}", "sweep={a: 1.5}", "JOBS.key=1",
+        "key=", "key=1", "model.key=1", "defaults=[]", "planner={a: 1}", "sweep={a: 1.5}",
     ],
     "variable of make": ["JOBS=1", "SCALE=smoke", "MODELS=reference", "ARGS="],
     "does not exist; there are": [

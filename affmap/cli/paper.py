@@ -9,7 +9,7 @@ from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
 from affmap.results import manifest
 from affmap.settings.messages import ConfigError
-from affmap.store.provenance import without_places
+from affmap.store.provenance import without_paths
 
 PUBLISH = "--publish"
 """Flag: keep the report in the folder of the reference run."""
@@ -40,7 +40,7 @@ def _paper(asked: Sweep, keep: bool) -> None:
         chapters.append(Chapter(first.title, results, first.report, claims, first.output, part.missing))
     first = asked.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
-    line = shlex.join(["affmap-paper", *without_places(asked.overrides)])
+    line = shlex.join(["affmap-paper", *without_paths(asked.overrides)])
     print(f"The report is {build.write(PaperReport(output, chapters, line, first.notice))}")
     if keep:
         check_publishable(first)

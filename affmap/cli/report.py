@@ -14,7 +14,7 @@ from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
 from affmap.store.files import locked
-from affmap.store.provenance import circumstances, without_places
+from affmap.store.provenance import circumstances, without_paths
 from hydra_plugins.hyperopt_sweeper import RESULTS
 
 CHECK = "--check"
@@ -54,7 +54,7 @@ def report_of(asked: Search | Sweep) -> Report:
     head = {
         "name": first.name,
         "title": first.title,
-        "command": shlex.join(["affmap", *without_places(asked.overrides)]),
+        "command": shlex.join(["affmap", *without_paths(asked.overrides)]),
     }
     notice = "; ".join(filter(None, [first.notice, partial])) or None
     if first.report.compare:
@@ -77,7 +77,7 @@ def _search_report(search: Search) -> Report:
         log_keys=search.log_keys,
         origin={"overrides": search.overrides, "config": config.model_dump(mode="json"), **circumstances()},
         title=config.title,
-        command=shlex.join(["affmap", *without_places(search.overrides)]),
+        command=shlex.join(["affmap", *without_paths(search.overrides)]),
         notice="; ".join(filter(None, [config.notice, partial])) or None,
     )
 

@@ -19,7 +19,7 @@ from affmap.pipeline import status
 from affmap.pipeline.status import JobStatus, StageStatus
 from affmap.settings.messages import ConfigError
 
-COLORS = {"complete": "green", "running": "cyan", "failed": "red", "damaged": "red", "stopped": "yellow"}
+COLORS = {"complete": "green", "running": "cyan", "failed": "red", "corrupted": "red", "stopped": "yellow"}
 
 
 def main() -> None:
@@ -65,7 +65,7 @@ def _show(line: list[str], console: Console, shown: set[Path]) -> None:
         jobs = status.jobs(part)
         console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}", markup=False)
         console.print(table(jobs))
-        for failure in status.failures(job for job in jobs if job.state in ("failed", "damaged")):
+        for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted")):
             console.print(failure, markup=False)
 
 

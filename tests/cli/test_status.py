@@ -66,12 +66,12 @@ def test_durations(seconds: float, told: str) -> None:
 
 
 def test_failures_have_their_reason_and_their_log() -> None:
-    damaged = JobStatus("size=5", (StageStatus("data", "h", State("damaged", error="x is damaged; remove it")),))
-    assert failures([*FOUND, damaged]) == [
+    corrupted = JobStatus("size=5", (StageStatus("data", "h", State("corrupted", error="x is corrupted; remove it")),))
+    assert failures([*FOUND, corrupted]) == [
         "size=2: another job works on it",
         "size=3: ValueError: no luck\n    log: /logs/e/affmap.log",
         "size=4: it was not begun",
-        "size=5: x is damaged; remove it",
+        "size=5: x is corrupted; remove it",
     ]
 
 
@@ -136,7 +136,7 @@ def test_a_sweep_that_cannot_be_read_does_not_hide_the_others(
     assert in_process(monkeypatch, "affmap-status", folders) == 2
     captured = capsys.readouterr()
     assert f"{older}: " in captured.err and "old_name" in captured.err
-    assert f"{edited / 'jobs/trials.jsonl'} is damaged" in captured.err
+    assert f"{edited / 'jobs/trials.jsonl'} is corrupted" in captured.err
     assert "2 of 3 settings complete, 1 failed" in captured.out
     shutil.rmtree(older)
     shutil.rmtree(edited)

@@ -109,9 +109,8 @@ def test_the_issue_s_own_command_line(tmp_path: Path) -> None:
 def test_what_is_no_fault_of_the_values_is_no_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A damaged model: the search ends with status 1 and the remedy, keeps the trials that it has, and, when the remedy
-    is followed, ends as one that nothing happened to; keys that change no result may be others, and a report on the way
-    says how far it is."""
+    """A corrupted model: the search ends with status 1 and the remedy, and keeps its trials. When the remedy is followed
+    it ends as an undisturbed one; irrelevant keys may change, and a report on the way states the progress."""
     monkeypatch.chdir(tmp_path)
     wanted = [*QUICK, "search=cem"]
     whole = line(tmp_path / "whole", *wanted)
@@ -126,7 +125,7 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
     capsys.readouterr()
     assert in_process(monkeypatch, "affmap", own) == 1
     told = capsys.readouterr().err
-    assert f"{weights} is damaged; remove the folder {train}" in told and "the same command tries it again" in told
+    assert f"{weights} is corrupted; remove the folder {train}" in told and "the same command tries it again" in told
     assert len(trials(tmp_path / "own/output")) == 2
     assert in_process(monkeypatch, "affmap-report", own) == 0
     assert "PARTIAL: 2 of 4 trials are complete**" in capsys.readouterr().out

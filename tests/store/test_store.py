@@ -249,10 +249,10 @@ def test_every_flipped_bit_and_every_truncation_is_found(complete: Path, tmp_pat
     for place in places:
         flipped = bytearray(whole)
         flipped[place] ^= 1 << int(generator.integers(8))
-        for damaged in (bytes(flipped), whole[:place]):
-            path.write_bytes(damaged)
+        for corrupted in (bytes(flipped), whole[:place]):
+            path.write_bytes(corrupted)
             try:
-                same = json.loads(damaged) == json.loads(whole) if name == PROVENANCE else False
+                same = json.loads(corrupted) == json.loads(whole) if name == PROVENANCE else False
             except ValueError:
                 same = False
             if same:  # white space of a text
@@ -270,13 +270,13 @@ def test_every_flipped_bit_and_every_truncation_is_found(complete: Path, tmp_pat
         (lambda folder: (folder / "another.txt").write_text("new"), "another.txt does not belong there"),
         (lambda folder: rewrite(folder, stage="map"), "provenance.json is that of another stage"),
         (lambda folder: rewrite(folder, config={"seed": 4}), "provenance.json is that of another stage"),
-        (lambda folder: (folder / PROVENANCE).write_text("[]"), "provenance.json is damaged"),
-        *((lambda folder, rules=rules: rewrite(folder, rules=rules), "is damaged") for rules in ([1], "x", 5, None)),
-        (lambda folder: rewrite(folder, rules={"train": 1.5}), "provenance.json is damaged"),
+        (lambda folder: (folder / PROVENANCE).write_text("[]"), "provenance.json is corrupted"),
+        *((lambda folder, rules=rules: rewrite(folder, rules=rules), "is corrupted") for rules in ([1], "x", 5, None)),
+        (lambda folder: rewrite(folder, rules={"train": 1.5}), "provenance.json is corrupted"),
         (lambda folder: rewrite(folder, rules={"train": 2}), "provenance.json is that of another stage"),
-        (lambda folder: rewrite(folder, files=3), "provenance.json is damaged"),
-        (lambda folder: rewrite(folder, stage=None), "provenance.json is damaged"),
-        (lambda folder: (folder / PROVENANCE).write_bytes(b"\xff"), "provenance.json is damaged"),
+        (lambda folder: rewrite(folder, files=3), "provenance.json is corrupted"),
+        (lambda folder: rewrite(folder, stage=None), "provenance.json is corrupted"),
+        (lambda folder: (folder / PROVENANCE).write_bytes(b"\xff"), "provenance.json is corrupted"),
     ],
 )
 def test_other_damage_is_told(complete: Path, tmp_path: Path, harm: Callable[[Path], Any], told: str) -> None:
@@ -287,7 +287,7 @@ def test_other_damage_is_told(complete: Path, tmp_path: Path, harm: Callable[[Pa
         with pytest.raises(StoreError, match=told):
             use(STAGE)
     assert digests(complete) == before and Store(tmp_path).has(STAGE)
-    assert Store(tmp_path).state(STAGE, check=True).name == "damaged"
+    assert Store(tmp_path).state(STAGE, check=True).name == "corrupted"
 
 
 def rewrite(folder: Path, **changes: Any) -> None:
@@ -337,7 +337,7 @@ def test_states(tmp_path: Path) -> None:
     seen: list[State] = []
 
     def work_on(work: Attempt, ending: BaseException | None) -> None:
-        work._noted = -10.0
+        work._last_note = -10.0
         work.progress(3, 12)
         seen.append(store.state(STAGE))
         build(work)
@@ -369,14 +369,14 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
 
 
 def test_a_copy_of_some_files_is_a_stage_of_its_own(complete: Path, tmp_path: Path) -> None:
-    """Whole, found, and replaced by the next copy; a damaged one is not copied."""
+    """Whole, found, and replaced by the next copy; a corrupted one is not copied."""
     target = tmp_path / "kept" / "train" / STAGE.digest
     for patterns, names in ((["*.txt", "*.bin"], {"result.txt", "more/numbers.bin"}), (["result.*"], {"result.txt"})):
         copy_stage(complete, target, patterns)
         assert digests(target).keys() == {*names, PROVENANCE}
         assert Store(tmp_path / "kept").find(STAGE) == target
     (complete / "result.txt").write_text("changed")
-    with pytest.raises(StoreError, match=r"result\.txt is damaged"):
+    with pytest.raises(StoreError, match=r"result\.txt is corrupted"):
         copy_stage(complete, target, ["*"])
     assert (target / "result.txt").read_text() == "done"
 
