@@ -148,7 +148,7 @@ def predictions(results: Results, settings: ReportSettings) -> list[Block]:
 def _halo(results: Results, settings: ReportSettings) -> list[Block]:
     """How many places outside fog are taken for fog, by context size; nothing where maps show no fog."""
     painted = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
-    worlds = {size: results.map_world(setting) for size, setting in painted.items()}
+    worlds = {size: results.map_layout(setting) for size, setting in painted.items()}
     if not any(circle.effect == "fog" for world in worlds.values() for circle in world.circles):
         return []
     rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]

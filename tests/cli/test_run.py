@@ -112,8 +112,8 @@ def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
     maps = results.maps("original")[1]
     assert maps.codes.shape == (2, 9, 13, 1) and maps.member.tolist() == [0, 1] and maps.snapshots == {}
     assert results.exploration(job).counts.shape == (1, 20, 30) and results.exploration(job).counts.sum() == 4 * 21
-    assert len(results.worlds(job)) == 8 and set(results.worlds(job)) == {results.map_world(job)}
-    assert results.training_worlds(job) == [results.map_world(job)]
+    assert len(results.run_layouts(job)) == 8 and set(results.run_layouts(job)) == {results.map_layout(job)}
+    assert results.training_layouts(job) == [results.map_layout(job)]
     assert results.runs["crossable"].all() and not results.runs["steps_in_fog"].any()
 
 
@@ -344,11 +344,11 @@ def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_setting
         flown = [Layout.checked(layout, "here") for layout in json.loads((job.control[0] / "layouts.json").read_text())]
         assert flown == expected and len({layout.map for layout in flown}) == 8
         results = Results((job,))
-        assert results.layouts == ["procedural_easy"] and results.map_world(job).name == "four_properties"
-        assert [world.name for world in results.training_worlds(job)] == [
+        assert results.layouts == ["procedural_easy"] and results.map_layout(job).name == "four_properties"
+        assert [world.name for world in results.training_layouts(job)] == [
             layout.name for layout in config.training_layouts
         ]
-        worlds = [[(c.x, c.y, c.radius, c.effect) for c in world.circles] for world in results.worlds(job)]
+        worlds = [[(c.x, c.y, c.radius, c.effect) for c in world.circles] for world in results.run_layouts(job)]
         assert worlds == [[(*c.center, c.radius, c.effect) for c in layout.circles] for layout in expected]
         assert results.exploration(job).counts.shape == (4, 20, 30)
 

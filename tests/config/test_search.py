@@ -109,7 +109,7 @@ def test_the_issue_s_own_command_line(tmp_path: Path) -> None:
 def test_what_is_no_fault_of_the_values_is_no_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A corrupted model: the search ends with status 1 and the remedy, and keeps its trials. When the remedy is followed
+    """A corrupted model: the search ends with status 1 and the remedy, and keeps its trials. With the remedy,
     it ends as an undisturbed one; irrelevant keys may change, and a report on the way states the progress."""
     monkeypatch.chdir(tmp_path)
     wanted = [*QUICK, "search=cem"]

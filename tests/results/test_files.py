@@ -83,7 +83,7 @@ def test_runs_come_back_with_the_columns_in_their_order(tmp_path: Path, rng: np.
     setting = {"layout": "original", "planner": "cem", "lookup_spacing": 0.02, "context_size": 8}
     files.write_runs(tmp_path, setting, table, [[True, False, True], np.zeros(3)])
     found = files.read_runs(tmp_path, ["member"])
-    assert list(found) == [*setting, *PLACES, *stored_metrics(), *files.WORLD_COLUMNS]
+    assert list(found) == [*setting, *PLACES, *stored_metrics(), *files.LAYOUT_COLUMNS]
     assert found["mean_distance"].to_numpy() == pytest.approx(table["mean_distance"].to_numpy(), abs=1e-6)
     assert run_metrics()[: len(stored_metrics())] == stored_metrics() and set(run_metrics()) < set(METRICS)
 

@@ -28,7 +28,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
         for ax in axes[len(shown) :]:
             ax.set_axis_off()
         for ax, example in zip(axes, shown, strict=False):
-            flown.append(results.worlds(example.setting)[example.problem])
+            flown.append(results.run_layouts(example.setting)[example.problem])
             radius = results.vehicle_radius(example.setting)
             arena.trajectory(ax, example.paths, example.problem, example.step, flown[-1], radius)
             where = f"{_row_name(results, row, settings)}, " if len(rows) > 1 else ""
