@@ -51,7 +51,7 @@ def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
         time.sleep(0.05)
     os.kill(process.pid, number)
     assert process.wait(20) == 128 + number
-    assert "the same command goes on from there." in said(tmp_path) and "Traceback" not in said(tmp_path)
+    assert "run the same command again to resume." in said(tmp_path) and "Traceback" not in said(tmp_path)
     while subprocess.run(["pgrep", "--session", str(process.pid)], capture_output=True, check=False).stdout:
         assert time.monotonic() < deadline, "a worker is left"
         time.sleep(0.1)

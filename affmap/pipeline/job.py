@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
+from affmap.control.registry import is_learned
 from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
 from affmap.settings.messages import ConfigError
@@ -63,6 +64,13 @@ def as_setting(config: Config, folders: Sequence[Path], values: Mapping[str, Val
         LAYOUT.key: config.control_layout.name,
     }
     return Setting({**common, **values}, {name: (folder,) for name, folder in zip(STAGES, folders, strict=True)})
+
+
+def agents_without_models(configs: Sequence[Config]) -> list[str]:
+    """Kinds of agents that fly without a model, although models are to be trained for nothing but their reports."""
+    used = {TRAIN.of(config).digest for config in configs if is_learned(config.agent)}
+    idle = [config for config in configs if TRAIN.of(config).digest not in used]
+    return sorted({config.agent.kind for config in idle if not open_store(config).has(TRAIN.of(config))})
 
 
 def check_trials(config: Config) -> None:

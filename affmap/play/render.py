@@ -145,7 +145,7 @@ def main() -> None:
     chosen = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: _render(chosen), goes_on=False)
+    command(lambda _: _render(chosen), resumes=False)
 
 
 def _render(chosen: argparse.Namespace) -> None:

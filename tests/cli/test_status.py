@@ -93,7 +93,7 @@ def test_a_failed_job_does_not_stop_the_others_and_is_named_at_the_end(failing: 
     said = (failing / "said.txt").read_text()
     log = "output/jobs/0_context0_cem/affmap.log"
     assert re.search(rf"1 of 3 settings are not complete:\nmodel.context_size=0: \w+Error: .*\n    log: {log}\n", said)
-    assert "the same command goes on where this one stopped." in said
+    assert "run the same command again to resume." in said
     logs = {path.parent.name: path.read_text() for path in failing.rglob("affmap.log")}
     assert len(logs) == 3
     assert "Traceback" in logs["0_context0_cem"] and "checkpoint.tmp" in logs["0_context0_cem"]
