@@ -246,7 +246,7 @@ def test_trials_of_another_search_are_kept(app: App, argument: str, problem: str
         app(quadratic, *arguments, argument)
     assert path.read_bytes() == content
     path.write_bytes(content[:-9])
-    with pytest.raises(SearchError, match=r"trials.jsonl is damaged"):
+    with pytest.raises(SearchError, match=r"trials.jsonl is corrupted"):
         app(quadratic, *arguments)
     assert path.read_bytes() == content[:-9]
 

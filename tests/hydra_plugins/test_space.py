@@ -191,5 +191,5 @@ def test_what_lies_in_a_space(text: str, inside: list[Any], outside: list[Any]) 
 def test_a_point_names_each_key_and_no_other() -> None:
     """Reference: written by hand."""
     space = space_of("a=1,2", "b=3,4")
-    with pytest.raises(SearchError, match="here has values of a, c, but what is searched over is a, b; give a value"):
+    with pytest.raises(SearchError, match="here has values of a, c, but the searched keys are a, b; give a value"):
         space.point({"a": 1, "c": 3}, "here")
