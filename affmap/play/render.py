@@ -18,7 +18,7 @@ from affmap.control.episodes import fly
 from affmap.control.pretrained import experiments, load, origin
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import world
+from affmap.env.procedural import first_layout
 from affmap.env.rendering import BLACK, WHITE, Canvas, Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.model.lookup import AffordanceMap
@@ -59,7 +59,7 @@ def film(
     Raises:
         ConfigError: there are no such models, world or planner.
     """
-    flown = world(layout or origin(source).layout, member)
+    flown = first_layout(layout or origin(source).layout, member)
     films = []
     for context_size in context_sizes:
         agent = load(source, context_size=context_size, members=[member], planner=planner)

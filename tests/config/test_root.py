@@ -353,7 +353,7 @@ def own_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
     ("copied", "changes", "key", "message"),
     [
         ("original", {}, "control_layout", "name = 'original' must be that of the file, 'mine'"),
-        ("procedural_easy", {"name": "mine", "count": [70, 70]}, "control_layout", "no world was found"),
+        ("procedural_easy", {"name": "mine", "count": [70, 70]}, "control_layout", "no layout was found"),
         ("original", {"name": "mine", "start_margin": 0.05}, "training_layouts", "too small for a vehicle"),
     ],
 )

@@ -125,7 +125,9 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
     capsys.readouterr()
     assert in_process(monkeypatch, "affmap", own) == 1
     told = capsys.readouterr().err
-    assert f"{weights} is corrupted; remove the folder {train}" in told and "run the same command to try it again" in told
+    assert (
+        f"{weights} is corrupted; remove the folder {train}" in told and "run the same command to try it again" in told
+    )
     assert len(trials(tmp_path / "own/output")) == 2
     assert in_process(monkeypatch, "affmap-report", own) == 0
     assert "PARTIAL: 2 of 4 trials are complete**" in capsys.readouterr().out

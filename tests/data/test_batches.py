@@ -11,7 +11,7 @@ import torch
 
 from affmap.data.batches import Batch, DataModule, read
 from affmap.data.collect import Exploration
-from affmap.view import Map, view
+from affmap.view import VisibleLayout, view
 
 NUM_SEQUENCES, NUM_STEPS = 9, 25
 
@@ -22,7 +22,7 @@ def write(path: Path, num_sequences: int, num_steps: int) -> Path:
     position = rng.uniform(0, 1, (num_sequences, num_steps + 1, 2)).astype(np.float32)
     sequence, step = np.meshgrid(np.arange(num_sequences), np.arange(num_steps), indexing="ij")
     action = np.stack([sequence, step, 0 * step, 0 * step], axis=-1).astype(np.float32)
-    world = Map((1.0, 1.0), 2, 0, ((0.5, 0.5, 0.2, 1),))
+    world = VisibleLayout((1.0, 1.0), 2, 0, ((0.5, 0.5, 0.2, 1),))
     np.savez(path, position=position, view=view(world, position[:, :-1]), action=action)
     return path
 

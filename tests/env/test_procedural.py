@@ -318,7 +318,7 @@ def test_impossible_rules_end_with_a_sentence(changes: dict[str, Any]) -> None:
     """50 circles whose area alone exceeds the arena's; within seconds."""
     rules = easy(count=[50, 50], count_of="world", **changes)
     begin = time.process_time()
-    with pytest.raises(ValueError, match="no world was found") as caught:
+    with pytest.raises(ValueError, match="no layout was found") as caught:
         rules.draw(np.random.default_rng(0))
     assert time.process_time() - begin < 10
     wanted = ["layout 'procedural_easy'", "count = [50, 50]", f"radius = {list(rules.radius)}", f"gap = {rules.gap}"]

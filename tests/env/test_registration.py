@@ -138,14 +138,14 @@ def test_worlds_that_are_drawn_obey_their_rules_and_are_seen_and_felt() -> None:
 
 
 def test_before_the_first_reset_there_is_no_world_to_look_at() -> None:
-    with pytest.raises(gymnasium.error.ResetNeeded, match=r"Call reset\(\) first: it draws the world"):
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"Call reset\(\) first: it draws the layout"):
         VehicleEnv("procedural_easy").probe([[1.0, 1.0]])
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"count": (60, 60)}, "no world was found"),
+        ({"count": (60, 60)}, "no layout was found"),
         ({"start_margin": 0.05}, "too small for a vehicle of radius 0.06"),
     ],
 )
