@@ -52,9 +52,9 @@ def rasterise(world: VisibleLayout, position: tuple[float, float]) -> tuple[np.n
 @given(worlds(), points)
 def test_equals_a_rasteriser_of_plain_loops(world: VisibleLayout, position: tuple[float, float]) -> None:
     expected, unsure = rasterise(world, position)
-    found = view(world, np.array(position))
-    assert found.shape == expected.shape and found.dtype == np.bool_
-    np.testing.assert_array_equal(found | unsure, expected | unsure)
+    actual = view(world, np.array(position))
+    assert actual.shape == expected.shape and actual.dtype == np.bool_
+    np.testing.assert_array_equal(actual | unsure, expected | unsure)
 
 
 @quick

@@ -44,13 +44,13 @@ def test_agents_share_everything_but_control(swept: Path) -> None:
 
 
 def test_the_default_agent_is_in_no_stage_s_configuration(swept: Path) -> None:
-    """So that stages that were made before there were agents are found; others have theirs."""
-    found = []
+    """Stages from before there were agents are still found; others have theirs."""
+    agents = []
     for config in jobs(swept, *AGENTS):
         job = pipeline.find(config)
         assert job is not None
-        found.append(json.loads((job.control[0] / "provenance.json").read_text())["config"].get("agent"))
-    assert found == [None, {"kind": "random"}, {"kind": "straight", "foresight": 8.0, "slow_distance": 0.3}]
+        agents.append(json.loads((job.control[0] / "provenance.json").read_text())["config"].get("agent"))
+    assert agents == [None, {"kind": "random"}, {"kind": "straight", "foresight": 8.0, "slow_distance": 0.3}]
 
 
 def test_models_that_only_serve_a_report_are_announced(swept: Path) -> None:

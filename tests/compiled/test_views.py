@@ -43,9 +43,9 @@ def test_views_are_those_of_numpy_and_torch(
     with compiled.switched(False):
         expected = view(world, positions)
         np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
-    found = view(world, positions)
-    assert found.dtype == np.bool_ and found.shape == expected.shape
-    np.testing.assert_array_equal(found, expected)
+    actual = view(world, positions)
+    assert actual.dtype == np.bool_ and actual.shape == expected.shape
+    np.testing.assert_array_equal(actual, expected)
     np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
 
 

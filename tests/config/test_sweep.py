@@ -110,7 +110,7 @@ def test_the_options_of_a_group_include_files_in_folders() -> None:
 
 
 @pytest.mark.parametrize("key", ["world", "control_layout", "map_layout", "training_layouts"])
-def test_a_layout_that_does_not_exist_is_told(key: str) -> None:
+def test_a_layout_that_does_not_exist_is_reported(key: str) -> None:
     """Its name, and those that there are."""
     with pytest.raises(ConfigError, match=r"conf/layout/moon.yaml does not exist; conf/layout holds: .*original"):
         sweep.jobs([f"{key}=[moon]" if key == "training_layouts" else f"{key}=moon"])
@@ -221,7 +221,7 @@ def test_the_longer_training_and_the_baselines_belong_to_experiment_3() -> None:
     assert [job.controller for job in baselines.configs] == [agent for agent in AGENTS for _ in range(2)]
 
 
-def test_a_bad_value_in_one_job_of_a_sweep_is_told_before_any_starts() -> None:
+def test_a_bad_value_in_one_job_of_a_sweep_is_reported_before_any_starts() -> None:
     """The third of three."""
     with pytest.raises(ConfigError, match=r"conf/model/default.yaml or the command line: model.context_size = -2 "):
         sweep.jobs(sweep.complete(["experiment=exp1", "model.context_size=0,1,-2"]))

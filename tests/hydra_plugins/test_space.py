@@ -181,8 +181,8 @@ def test_what_lies_in_a_space(text: str, inside: list[Any], outside: list[Any]) 
     """Reference: written by hand; true is not 1, and 0.3 is 3 x 0.1."""
     space = space_of(f"key={text}")
     for value in inside:
-        found = space.values(space.point({"key": value}, "here"))["key"]
-        assert found == pytest.approx(value) if isinstance(value, float) else found == value
+        actual = space.values(space.point({"key": value}, "here"))["key"]
+        assert actual == pytest.approx(value) if isinstance(value, float) else actual == value
     for value in outside:
         with pytest.raises(SearchError, match=r"^hydra.sweeper.initial\[0\]: key = .* does not lie in"):
             space.point({"key": value}, "hydra.sweeper.initial[0]")
