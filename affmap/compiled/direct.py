@@ -13,7 +13,7 @@ from affmap.compiled.lanes import WIDTH, at_least, fma, load, splat, store
 from affmap.compiled.views import paint
 
 PICTURES = 512
-"""Of 3 x 3 pixels; pixel n is bit n."""
+"""Number of pictures of 3 x 3 pixels; pixel n is bit n."""
 
 PLACES, PER_SIDE = 9, 4
 """Along a view's side: of the first convolution's kernel, and of the windows that are pooled."""
@@ -114,7 +114,7 @@ def codes_at(
     """Write the codes `[M, P, C]` of the views at each member's `positions` `[M, P, 2]` (u).
 
     Positions outside of the arena count as the nearest ones inside it. The first arguments are those of a
-    `affmap.view.Scene`, the next ones those of `affmap.model.direct.Weights`.
+    `affmap.view.LayoutArrays`, the next ones those of `affmap.model.direct.Weights`.
     """
     rows, squares = np.empty((pictures.shape[1] // PICTURES, len(offsets)), np.uint64), np.empty_like(offsets)
     place, code = np.empty_like(size), np.empty_like(bias4[0])

@@ -1,4 +1,4 @@
-"""Powers, logarithms and what models make of them, of vectors of eight floats.
+"""Powers, logarithms and the activation functions of models, for vectors of eight floats.
 
 Minimax polynomials, without the tables and branches of a library: errors are near those of rounding.
 """
@@ -46,7 +46,7 @@ def exp2(x: Any) -> Any:
 
 @inlined
 def _exp2(x: Any) -> Any:
-    """The same from -125 to 126."""
+    """2 to the power of each number from -125 to 126, to 1e-7 of it."""
     magic = splat(np.float32(3 * 2**22))  # a float of this size has no digits behind the point
     shifted = x + magic
     part = x - (shifted - magic)

@@ -36,7 +36,7 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # whatever a damaged file leads to
+        except Exception:  # a corrupted file may raise anything
             self.flush()
             return None
 

@@ -1,4 +1,4 @@
-"""The physics of `affmap.env.physics` for many vehicles side by side: what Box2D does with a disc, in one loop nest.
+"""The physics of `affmap.env.physics` for many vehicles side by side: Box2D's treatment of a disc, in one loop nest.
 
 In free flight it is Box2D's up to rounding. In contact it takes Box2D's steps, too: velocities are turned along the
 surfaces, positions pushed out of them, and a fast vehicle is stopped at a surface and slides for the rest of the step
@@ -49,7 +49,7 @@ class Body(NamedTuple):
 
 
 class Worlds(NamedTuple):
-    """W worlds, float64; those with fewer things are filled up with distances of -inf, which nothing is below."""
+    """W worlds, float64; those with fewer things are padded with distances of -inf, which nothing is below."""
 
     solids: Array
     """`[W, S, 5]`, what the vehicle can touch: a point, whether its distance counts along x and along y (a circle has
@@ -109,7 +109,7 @@ def find_fog(fog: Array, world: Array, position: Array, result: Array) -> None:
 
 @inlined
 def _force(body: Body, fields: Array, x: float, y: float, action: Array) -> Any:
-    """Of the throttles and the fields, N."""
+    """The force of throttles and fields, N."""
     force_x = force_y = 0.0
     for k in range(4):
         force_x += body.thrust * action[k] * body.throttles[k, 0]
@@ -134,7 +134,7 @@ def _step(
     contacts: Array,
     impulses: Array,
 ) -> Any:
-    """Position (u) and velocity (u/s) after a step (b2World::Step); `contacts`, `impulses` are room to work in."""
+    """Position (u) and velocity (u/s) after a step (b2World::Step); `contacts` and `impulses` are buffers."""
     dt = body.time_step
     touching = _find_contacts(solids, x, y, contacts)
     kept = max(1 - dt * (body.contact_damping if touching else body.damping), 0.0)
@@ -244,13 +244,13 @@ def _first_impact(solids: Array, x: float, y: float, new_x: float, new_y: float)
 
 @compiled
 def _impact(solids: Array, s: int, target: float, x: float, y: float, way_x: float, way_y: float) -> float:
-    """The same for one thing (b2TimeOfImpact): conservative advancement along the direction to it."""
+    """The time of impact on one thing (b2TimeOfImpact): conservative advancement along the direction to it."""
     now = 0.0
     for _ in range(ADVANCES):
         away_x, away_y, distance = _away(solids, s, x + now * way_x, y + now * way_y)
         if distance < target + TOLERANCE:
             return now
-        # Along the present direction to it the distance changes evenly.
+        # Along the current direction to it the distance changes evenly.
         away_x, away_y = away_x / distance, away_y / distance
         slope = way_x * away_x + way_y * away_y
         at_end = distance + (1 - now) * slope

@@ -102,7 +102,7 @@ def learn(
 
 @inlined
 def _sort(costs: Array, best: Array, places: Array) -> None:
-    """Write the least costs in ascending order into `best`, and where they stand into `places`."""
+    """Write the least costs in ascending order into `best`, and their indices into `places`."""
     count = 0
     for n in range(len(costs)):
         cost = costs[n] if np.isfinite(costs[n]) else f32(np.inf)

@@ -1,7 +1,7 @@
 """Views painted in compiled code, pixel by pixel.
 
-The reference is `affmap.view`: the same comparisons in the same precision, so that all pixels are equal. A scene
-is what `affmap.view.Scene` holds, all of its numbers in the precision of the positions.
+The reference is `affmap.view`: the same comparisons in the same precision, so that all pixels are equal. Layouts are
+given by the arrays of `affmap.view.LayoutArrays`, in the precision of the positions.
 """
 
 import numpy as np
@@ -68,7 +68,7 @@ def cut(
     channels: np.ndarray,
     views: np.ndarray,
 ) -> None:
-    """Cut out the views at `positions` `[P, 2]` (u) of a scene into `views` `[P, K, 11, 11]` bool."""
+    """Cut out the views of a layout at `positions` `[P, 2]` (u) into `views` `[P, K, 11, 11]` bool."""
     squares, rows = np.empty_like(offsets), np.empty(views.shape[1:3], np.uint64)
     for place in range(len(positions)):
         paint(positions[place], offsets, size, border_channel, circles, channels, squares, rows)

@@ -1,7 +1,7 @@
 """Rough memory bounds, to reject impossible settings up front.
 
 Only the largest arrays count, so a job may need a few times as much. Knows nothing of the machine: jobs are checked
-where they are asked for, and may run elsewhere.
+where they are submitted, and may run elsewhere.
 """
 
 import math
@@ -13,21 +13,21 @@ from affmap.config.root import Config
 from affmap.env.geometry import STEP
 from affmap.env.layout import Layout
 from affmap.planning.cem import CEMPlanner
-from affmap.settings.messages import ConfigError, shown
+from affmap.settings.messages import ConfigError, format_value
 from affmap.view import PIXELS
 
 LIMIT_GIB = 256
-"""More than this is taken for a mistake: the largest job of the paper needs less than one."""
+"""More than this must be a mistake: the largest job of the paper needs less than one."""
 
 
 class Demand(NamedTuple):
-    """Something large."""
+    """An array, or several, that a job holds in memory."""
 
-    what: str
+    name: str
     keys: Sequence[str]
     """The keys that its size follows from."""
     numbers: float
-    """How many numbers of 4 bytes it holds."""
+    """Its size, numbers of 4 bytes."""
 
     @property
     def gib(self) -> float:
@@ -40,22 +40,22 @@ def check(config: Config, origin: str = "the configuration") -> None:
 
     Args:
         config: of the job.
-        origin: where its values come from, named in the error.
+        origin: where its values come from, for the error.
 
     Raises:
-        ConfigError: something would be larger than `LIMIT_GIB`; the message names the keys that its size follows from.
+        ConfigError: an array would be larger than `LIMIT_GIB`; the message names the keys that its size follows from.
     """
     for demand in demands(config):
         if demand.gib > LIMIT_GIB:
-            values = [f"{key} = {shown(attrgetter(key)(config))}" for key in demand.keys]
+            values = [f"{key} = {format_value(attrgetter(key)(config))}" for key in demand.keys]
             raise ConfigError(
-                f"{origin}: {', '.join(values)}: {demand.what} would take {demand.gib:.2g} GiB of memory at "
+                f"{origin}: {', '.join(values)}: {demand.name} would take {demand.gib:.2g} GiB of memory at "
                 "once; make something smaller."
             )
 
 
 def demands(config: Config) -> Iterator[Demand]:
-    """The largest things that a job keeps in memory."""
+    """The largest arrays that a job holds in memory."""
     members, model, planner, control = config.members, config.model, config.planner, config.control
     yield _data_set(config)
     yield from _training(config)
@@ -73,10 +73,10 @@ def demands(config: Config) -> Iterator[Demand]:
     nodes = _nodes(config.map_layout.size, config.report.map_spacing)
     yield Demand("maps of the report", (*codes_keys, "report.map_spacing", "map_layout.size"), 2 * codes * nodes)
     if config.lookup.spacing:
-        worlds = 1 if isinstance(config.control_layout, Layout) else control.runs_per_member
+        layouts = 1 if isinstance(config.control_layout, Layout) else control.runs_per_member
         nodes = _nodes(config.control_layout.size, config.lookup.spacing)
-        yield Demand("affordance maps", (*codes_keys, "lookup.spacing", "control_layout.size"), codes * worlds * nodes)
-    # What can be reached is found on a grid.
+        yield Demand("affordance maps", (*codes_keys, "lookup.spacing", "control_layout.size"), codes * layouts * nodes)
+    # The grid on which reachable places are found.
     yield Demand("the arena", ("control_layout.size",), 6 * math.prod(config.control_layout.size) / STEP**2)
 
 
@@ -101,5 +101,5 @@ def _training(config: Config) -> Iterator[Demand]:
 
 
 def _nodes(size: tuple[float, float], spacing: float) -> float:
-    """How many nodes a map has."""
+    """Number of nodes of a map."""
     return math.prod(side / spacing + 1 for side in size)

@@ -27,7 +27,7 @@ from affmap.model.stack import Stack
 from affmap.model.transition import Carry
 from affmap.planning.planner import Objective, Planner
 from affmap.settings import ConfigError
-from affmap.view import Map
+from affmap.view import VisibleLayout
 
 if TYPE_CHECKING:  # needs numba
     from affmap.control.imagination import CompiledImagination
@@ -63,7 +63,7 @@ class Agent(PlanningAgent):
         """The members' own seeds, M of them."""
         return self.stack.seeds
 
-    def elsewhere(self, worlds: Sequence[Map]) -> "Agent":
+    def elsewhere(self, worlds: Sequence[VisibleLayout]) -> "Agent":
         """The same agent in another world, or in B others (member-major)."""
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels)

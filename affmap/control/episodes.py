@@ -16,7 +16,7 @@ from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import Oracle
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, world
+from affmap.env.procedural import Procedural, first_layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.results import metrics
@@ -99,7 +99,7 @@ def fly(controller: Controller, layout: Layout | Procedural | str) -> Runs:
     settings = (
         controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
     )
-    flown = world(layout, seeds[0])
+    flown = first_layout(layout, seeds[0])
     return control(bring(controller, flown), [flown], Vehicle.load("vehicle", "default"), settings, seeds)
 
 

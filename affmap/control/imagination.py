@@ -103,7 +103,7 @@ class ViewImagination:
         """Take a stack that sees and its look-up."""
         self._stack, self._lookup = stack, lookup
         self._networks, self._encoder = _Networks(stack), direct.DirectEncoder(stack)
-        scenes = [world.scenes[np.dtype(np.float32)] for world in lookup.worlds]
+        scenes = [world.arrays[np.dtype(np.float32)] for world in lookup.worlds]
         most = max(len(scene.circles) for scene in scenes)
         circles = np.full((len(scenes), most, 3), -1, np.float32)  # a squared radius below 0 holds nothing
         channels = np.zeros((len(scenes), most), np.int64)

@@ -15,7 +15,7 @@ from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.episodes import bring
 from affmap.control.mpc import PlanningAgent
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, world
+from affmap.env.procedural import Procedural, first_layout
 from affmap.random import generator
 
 
@@ -45,7 +45,7 @@ class Pilot:
         seeds = seeds_of(agent)
         if len(seeds) != 1:
             raise ValueError(f"a pilot is one member, and this agent has {list(seeds)}; load a single one.")
-        self.agent, self._seed = bring(agent, world(layout, seeds[0])), seed
+        self.agent, self._seed = bring(agent, first_layout(layout, seeds[0])), seed
         self._device = agent.settings.device if isinstance(agent, PlanningAgent) else "cpu"
         self.reset()
 

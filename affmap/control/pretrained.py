@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 from affmap.control.agent import Agent, ControlSettings
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, world
+from affmap.env.procedural import Procedural, first_layout
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import WEIGHTS, restore
@@ -47,7 +47,7 @@ def load(
     job = _job(record, report, context_size, layout)
     config = provenance.config_of(record, job["control"][0])
     stack = _stack(report.parent / "store" / "train", job["train"], members)
-    flown = world(_layout(config["control_layout"]), members[0])
+    flown = first_layout(_layout(config["control_layout"]), members[0])
     return Agent(
         stack,
         make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [flown.map]),

@@ -52,5 +52,5 @@ class Vehicle(Settings):
         if self.damping == 0:
             return math.inf
         # In a step Box2D adds the thrust, then scales by 1 - damping * time step.
-        kept = 1 - self.damping * self.time_step_s
-        return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * kept
+        scale = 1 - self.damping * self.time_step_s
+        return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * scale

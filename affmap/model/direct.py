@@ -11,7 +11,7 @@ from torch.nn.functional import pad
 from affmap import compiled
 from affmap.model.stack import Stack, num_changes, readable
 from affmap.model.vision import VisionModel
-from affmap.view import Map, for_compiled
+from affmap.view import VisibleLayout, for_compiled
 
 
 class Weights(NamedTuple):
@@ -69,7 +69,7 @@ class DirectEncoder:
         self._changes = -1
 
     @torch.no_grad()
-    def __call__(self, worlds: Sequence[Map], positions: Tensor) -> Tensor | None:
+    def __call__(self, worlds: Sequence[VisibleLayout], positions: Tensor) -> Tensor | None:
         """Codes at `positions` `[M, ..., 2]` (u) in one world, or in B, member-major: `[M, ..., C]`.
 
         None where it takes PyTorch.
@@ -79,7 +79,7 @@ class DirectEncoder:
             return None
         from affmap.compiled.direct import codes_at
 
-        weights, scenes = self.weights(), [world.scenes[places.dtype] for world in worlds]
+        weights, scenes = self.weights(), [world.arrays[places.dtype] for world in worlds]
         num_groups = num_members if len(scenes) == 1 else len(scenes)
         places = places.reshape(num_groups, len(places) // num_groups, 2)
         codes = np.empty((*places.shape[:2], self._stack.context_size), np.float32)

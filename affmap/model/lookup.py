@@ -20,7 +20,7 @@ from affmap.model.palette import Palette
 from affmap.model.settings import LookupSettings as LookupSettings
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
-from affmap.view import Map, view, views
+from affmap.view import VisibleLayout, view, views
 
 
 class Lookup(Protocol):
@@ -30,12 +30,14 @@ class Lookup(Protocol):
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         ...
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "Lookup":
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "Lookup":
         """The same kind of look-up for `stack` in another world, or in B others."""
         ...
 
 
-def make_lookup(settings: LookupSettings, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup | AffordanceMap":
+def make_lookup(
+    settings: LookupSettings, stack: Stack, worlds: Sequence[VisibleLayout]
+) -> "ExactLookup | AffordanceMap":
     """The look-up that `settings` describe, for `stack` in one world or in B, one for each problem."""
     if settings.spacing == 0:
         return ExactLookup(stack, worlds)
@@ -59,7 +61,7 @@ class ExactLookup:
         worlds: the maps of the worlds that it looks into: one, shared by all, or one for each problem.
     """
 
-    def __init__(self, stack: Stack, worlds: Sequence[Map]) -> None:
+    def __init__(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> None:
         """Look up codes of `stack` in one world, or in B, one for each problem."""
         self._direct, self._codes, self.worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
 
@@ -74,7 +76,7 @@ class ExactLookup:
         seen = views(self.worlds, places)
         return self._codes(seen.view(*positions.shape[:-1], *seen.shape[-3:]))
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup":
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "ExactLookup":
         """The same kind of look-up for `stack` in another world, or in B others."""
         return ExactLookup(stack, worlds)
 
@@ -93,7 +95,7 @@ class AffordanceMap:
         differentiable: whether gradients flow through the map to the position.
     """
 
-    def __init__(self, codes: Tensor, worlds: Sequence[Map], differentiable: bool = False) -> None:
+    def __init__(self, codes: Tensor, worlds: Sequence[VisibleLayout], differentiable: bool = False) -> None:
         """Take codes `[M * W, Y, X, C]` whose outermost nodes lie on the borders of the arena."""
         self.codes, self.worlds = codes, worlds
         self.differentiable = differentiable
@@ -103,7 +105,7 @@ class AffordanceMap:
 
     @classmethod
     def paint(
-        cls, stack: Stack, worlds: Sequence[Map], spacing: float, differentiable: bool = False
+        cls, stack: Stack, worlds: Sequence[VisibleLayout], spacing: float, differentiable: bool = False
     ) -> "AffordanceMap":
         """Compute codes at nodes at most `spacing` (u) apart, by exact look-ups.
 
@@ -120,7 +122,7 @@ class AffordanceMap:
         painted = [_codes_at_nodes(member, world, spacing) for member, world in zip(members, worlds, strict=True)]
         return cls(torch.cat(painted), worlds, differentiable)
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "AffordanceMap":
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "AffordanceMap":
         """A map as fine as this one, for `stack` in another world, or in B others."""
         spacing = self.worlds[0].size[0] / (self.codes.shape[2] - 1)
         return AffordanceMap.paint(stack, worlds, spacing, self.differentiable)
@@ -150,7 +152,7 @@ _NODES_AT_ONCE = 2**14  # more would take much memory where members are many
 
 
 @torch.no_grad()
-def _codes_at_nodes(stack: Stack, world: Map, spacing: float) -> Tensor:
+def _codes_at_nodes(stack: Stack, world: VisibleLayout, spacing: float) -> Tensor:
     """Codes of all members at the nodes of a grid over a world, `[M, Y, X, C]`."""
     # As many equal parts as it takes, whatever rounding made of a quotient that should be a whole number.
     parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in world.size]

@@ -17,7 +17,7 @@ from affmap.cli.app import command
 from affmap.control.episodes import fly
 from affmap.control.pretrained import experiments, load, origin
 from affmap.env.body import Vehicle
-from affmap.env.procedural import world
+from affmap.env.procedural import first_layout
 from affmap.env.rendering import BLACK, WHITE, Canvas
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
@@ -60,7 +60,7 @@ def film(
     Raises:
         ConfigError: there are no such models, world or planner.
     """
-    flown, radius = world(layout or origin(source).layout, member), Vehicle.load("vehicle", "default").radius
+    flown, radius = first_layout(layout or origin(source).layout, member), Vehicle.load("vehicle", "default").radius
     films = []
     for context_size in context_sizes:
         agent = load(source, context_size=context_size, members=[member], planner=planner)
@@ -142,7 +142,7 @@ def main() -> None:
     chosen = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: _render(chosen), goes_on=False)
+    command(lambda _: _render(chosen), resumes=False)
 
 
 def _render(chosen: argparse.Namespace) -> None:

@@ -275,4 +275,4 @@ def main() -> None:
     chosen = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run(), goes_on=False)
+    command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run(), resumes=False)

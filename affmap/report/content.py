@@ -150,7 +150,7 @@ class Content:
         """How many places outside fog are taken for fog, by context size; empty where maps show no fog."""
         results = self.results
         painted = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
-        layouts = {size: results.map_world(setting) for size, setting in painted.items()}
+        layouts = {size: results.map_layout(setting) for size, setting in painted.items()}
         if not any(circle.effect == "fog" for layout in layouts.values() for circle in layout.circles):
             return ""
         rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]

@@ -39,7 +39,7 @@ def painted(results: Results, size: int) -> list[Painted]:
 
 
 def read_painted(results: Results, setting: Setting) -> Painted:
-    maps, world = results.read_maps(setting), results.map_world(setting)
+    maps, world = results.read_maps(setting), results.map_layout(setting)
     return Painted(setting, maps, world, results.vehicle_radius(setting))
 
 
@@ -57,7 +57,7 @@ def several_worlds(results: Results) -> list[Painted]:
     shown = painted(results, size) if size else []
     if len({part.setting.train for part in shown}) == len(shown) or len({part.world for part in shown}) < len(shown):
         return []
-    return sorted(shown, key=lambda part: part.world in results.training_worlds(part.setting))
+    return sorted(shown, key=lambda part: part.world in results.training_layouts(part.setting))
 
 
 def paint(parts: list[Painted], index: int) -> list[Floats]:

@@ -148,7 +148,7 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
     for layout in results.layouts:
         flown = results.where({LAYOUT.key: layout})
         last = max(flown, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
-        worlds = results.worlds(last)
+        worlds = results.run_layouts(last)
         if len(set(worlds)) == 1:
             continue
         effects = [{circle.effect for circle in world.circles} - {"none"} for world in worlds]
@@ -183,7 +183,7 @@ def setting(results: Results) -> str:
         for factor, values in ((results.x, results.x_values), (results.color, results.color_values))
         if factor not in (CONTEXT_SIZE, PLANNER, LAYOUT)
     ]
-    worlds = dict.fromkeys(world.name for job in results.settings for world in results.training_worlds(job))
+    worlds = dict.fromkeys(world.name for job in results.settings for world in results.training_layouts(job))
     memory = max(record["peak_memory_mib"] for record in results.provenance.values())
     seconds = sum(cost.seconds for cost in provenance.costs([results])[0])
     return (

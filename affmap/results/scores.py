@@ -36,7 +36,7 @@ def score(results: Results, claims: Sequence[Claim]) -> list[Score]:
 
 
 def as_table(scores: Sequence[Score]) -> pd.DataFrame:
-    """One row per part of each claim, columns `COLUMNS`; empty cells where there is nothing to report."""
+    """One row per part of each claim, columns `COLUMNS`."""
     rows = [
         (
             item.claim.name,
@@ -63,7 +63,7 @@ def as_table(scores: Sequence[Score]) -> pd.DataFrame:
 
 
 def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
-    """The centers of all settings (`centers`), with planners by their short names."""
+    """The centers of all settings (see `centers`), with short names of planners."""
     table = centers(results, settings)
     return table.assign(planner=table["planner"].map(short_name))
 
@@ -71,9 +71,9 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
 def centers(results: Results, settings: ReportSettings) -> pd.DataFrame:
     """The center of each setting (over members for the validation loss, over runs in control), and the paper's axis.
 
-    The center is the median, as in the paper's box plots; of `success` it is the mean, as in its bars. A training has
-    no planner, a layout only where the trainings differ in it, and values of other factors only where it depends on
-    them. Where no axis is given, `paper_low`, `paper_high` and `inside` are empty.
+    The center is the median, as in the paper's box plots, or the mean for `success`, as in its bars. A training has
+    no planner, a layout only if trainings differ in it, and values of other factors only if it depends on them. If no
+    axis is given, `paper_low`, `paper_high` and `inside` are empty.
     """
     own = [factor.column for factor in results.factors if factor not in ALWAYS]
     keys = [PLANNER.column, LAYOUT.column, *own, CONTEXT_SIZE.column]
@@ -93,12 +93,12 @@ def centers(results: Results, settings: ReportSettings) -> pd.DataFrame:
 
 
 def statistic(metric: str) -> str:
-    """The name of the center of a metric: the mean of what is true or false, else the median."""
+    """The statistic of a metric's center: the mean for shares, else the median."""
     return "mean" if METRICS[metric].unit == "share" else "median"
 
 
 def center(values: "pd.Series[Any]", metric: str) -> float:
-    """The center of some values of a metric; NaN where one is missing."""
+    """The center of some values of a metric; NaN if one is missing."""
     return float(values.astype(float).agg(statistic(metric), skipna=False))
 
 

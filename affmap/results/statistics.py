@@ -29,7 +29,7 @@ Scores = NDArray[np.floating]
 
 
 class Verdict(StrEnum):
-    """What a test says about a claim."""
+    """The verdict of a test on a claim."""
 
     HOLDS = "holds"
     DOES_NOT_HOLD = "does not hold"
@@ -38,7 +38,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """A test's result. What cannot be computed is None; then `note` says why."""
+    """The result of a test. Values that cannot be computed are None; then `note` says why."""
 
     test: str
     members: int
@@ -62,8 +62,8 @@ def trend(scores: ArrayLike, direction: Direction, statistic: Statistic = "mean"
 
     Args:
         scores: `[M, S]`, S settings in ascending order.
-        direction: what the claim says the scores do from the first setting to the last.
-        statistic: what of the members' differences is the effect.
+        direction: of the scores from the first setting to the last, according to the claim.
+        statistic: of the members' differences, as the effect.
 
     Returns:
         The outcome; its effect is last setting minus first, whatever the direction.
@@ -91,8 +91,8 @@ def paired(first: ArrayLike, second: ArrayLike, order: Order, statistic: Statist
     Args:
         first: `[M]`.
         second: `[M]`, in the same order of members.
-        order: what the claim says of the first.
-        statistic: what of the members' differences is the effect.
+        order: of the first relative to the second, according to the claim.
+        statistic: of the members' differences, as the effect.
 
     Returns:
         The outcome; its effect is first minus second, so its sign is the claim's where the claim is right.
@@ -246,7 +246,7 @@ def _by_interval(test: str, scores: Scores, decide: Callable[[float, float], Ver
 
 
 def _problem(scores: Scores) -> str:
-    """Why scores `[M, ...]` cannot be tested; empty where they can."""
+    """The reason why scores `[M, ...]` cannot be tested; empty if they can."""
     bad = sum(not np.isfinite(row).all() for row in scores)
     if bad:
         return f"{bad} of {len(scores)} members lack a finite score"

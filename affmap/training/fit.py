@@ -23,7 +23,7 @@ from affmap.data.batches import DataModule
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.results.files import write_validation
-from affmap.store.files import guarded_read, sha256, written
+from affmap.store.files import atomic_write, guarded_read, sha256
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 from affmap.training.tensorboard import Board
@@ -67,7 +67,7 @@ def keep(checkpoints: Path, save: Callable[[Path], None]) -> None:
     temporary = checkpoints / "checkpoint.tmp"
     save(temporary)
     digest = sha256(temporary)
-    with written(checkpoints / f"{digest}.ckpt") as place:
+    with atomic_write(checkpoints / f"{digest}.ckpt") as place:
         temporary.replace(place)
     for old in checkpoints.glob("*.ckpt"):
         if old.stem != digest:

@@ -357,14 +357,14 @@ def test_random_worlds_are_described(results: dict[str, Results], monkeypatch: p
     assert sentences.mixtures(results["exp5"], settings("exp5"))[0] == (
         "Of the 8 random worlds “easy” 8 have all 4 properties."
     )
-    worlds, runs = Results.worlds, results["exp5"].runs.query("layout == 'procedural_hard' and context_size == 8")
+    worlds, runs = Results.run_layouts, results["exp5"].runs.query("layout == 'procedural_hard' and context_size == 8")
 
     def without_fog(self: Results, setting: Setting) -> list[Layout]:
         whole = worlds(self, setting)
         clear = [[circle for circle in world.circles if circle.effect != "fog"] for world in whole[-2:]]
         return whole[:-2] + [w.model_copy(update={"circles": tuple(c)}) for w, c in zip(whole[-2:], clear, strict=True)]
 
-    monkeypatch.setattr(Results, "worlds", without_fog)
+    monkeypatch.setattr(Results, "run_layouts", without_fog)
     share = runs["success"].iloc[:6].mean()
     assert sentences.mixtures(results["exp5"], settings("exp5"))[1] == (
         f"Of the 8 random worlds “hard” 6 have all 4 properties and 2 have no fog (in the others {share:.2f} of the "

@@ -78,7 +78,7 @@ def test_codes_along_a_run_are_those_that_the_look_up_gives(results: dict[str, R
     """The agent's own bilinear look-up in the same map."""
     found = results["exp1"]
     job = next(job for job in found.settings if job.context_size == 8)
-    world = found.worlds(job)[0]
+    world = found.run_layouts(job)[0]
     maps = found.maps()[8]
     lookup = AffordanceMap(torch.from_numpy(maps.codes), [world.map])
     places = np.random.default_rng(0).uniform(0, world.size, (2, 50, 2)).astype(np.float32)
@@ -209,8 +209,8 @@ def test_the_slider_moves_the_vehicle(page: Page, results: dict[str, Results]) -
             other = path[30 if step < 30 else 0]
             here, there = colors(player.locator(".arena"), [tuple(path[step].tolist()), tuple(other.tolist())])
             assert here == LAYERS["vehicle"].color != there
-            _assert_view(player, found.worlds(job)[0], path[step])
-            codes = players.codes_along(found, job, 0, path, found.worlds(job)[0])
+            _assert_view(player, found.run_layouts(job)[0], path[step])
+            codes = players.codes_along(found, job, 0, path, found.run_layouts(job)[0])
             told = player.locator(".bars output").all_text_contents()
             assert [float(code.replace("−", "-")) for code in told] == (
                 [] if codes is None else pytest.approx(codes[step], abs=0.0052)
@@ -231,7 +231,7 @@ def test_a_moment_has_the_marks_of_its_scene(page: Page, results: dict[str, Resu
         shown = page.evaluate(
             "([data, run, step]) => moment(data, open(data.runs[run], data), step)", [data, number, step]
         )
-        scene = paths.scene(2, step, found.worlds(job)[2], found.vehicle_radius(job))._replace(view=True)
+        scene = paths.scene(2, step, found.run_layouts(job)[2], found.vehicle_radius(job))._replace(view=True)
         marks = scene.marks()
         assert [mark["layer"] for mark in shown] == [mark.layer._asdict() for mark in marks]
         for one, mark in zip(shown, marks, strict=True):

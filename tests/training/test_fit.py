@@ -159,7 +159,7 @@ def test_without_compiled_loops_pytorch_trains_the_same(
     dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Losses to float rounding; a training killed in the middle is, bit by bit, one that was not."""
-    monkeypatch.setattr(compiled, "_wanted", False)
+    monkeypatch.setattr(compiled, "_switch", False)
     whole = train(dataset, tmp_path / "whole")
     killed(dataset, tmp_path / "killed", monkeypatch, 2 * BATCHES_PER_EPOCH + 5)
     assert_same(train(dataset, tmp_path / "killed"), whole)

@@ -11,7 +11,7 @@ from affmap.results.tables import Results
 
 
 def _control(results: Results, planner: str, metric: str, direction: Direction) -> list[Criterion]:
-    return [claims.trend(claims.flown(results, planner=planner), metric, direction, short_name(planner))]
+    return [claims.trend(claims.select_runs(results, planner=planner), metric, direction, short_name(planner))]
 
 
 def _without_context(results: Results) -> list[Criterion]:

@@ -18,7 +18,7 @@ NEW = {"a": (TWO, "2 obstacles"), "b": (TWELVE, "12 obstacles")}
 def _falls(results: Results, metric: str) -> list[Criterion]:
     return [
         claims.trend(
-            claims.flown(results, layout),
+            claims.select_runs(results, layout),
             metric,
             "falls",
             f"EB in the world with {called}",
@@ -30,7 +30,7 @@ def _falls(results: Results, metric: str) -> list[Criterion]:
 
 
 def _distances(results: Results) -> list[Criterion]:
-    runs = claims.flown(results)
+    runs = claims.select_runs(results)
     orders: dict[str, tuple[Order, str]] = {"a": ("higher", "larger"), "b": ("lower", "smaller")}
     return [
         Criterion(

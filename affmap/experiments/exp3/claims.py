@@ -26,7 +26,7 @@ def _no_difference(results: Results) -> list[Criterion]:
     for metric, name in COMPARED.items():
         margin = METRICS[metric].margin
         assert margin is not None
-        table = results.last_epoch if metric == "validation_nll" else claims.flown(results)
+        table = results.last_epoch if metric == "validation_nll" else claims.select_runs(results)
         table = table[table["context_size"] > 0]  # without a context both are the same model
         outcome = claims.same(table, metric, Pair("layout", HARD, EASY), margin)
         named, unit = METRICS[metric].name, METRICS[metric].unit
@@ -75,7 +75,7 @@ def _growth(results: Results) -> tuple[str, Outcome, Outcome]:
     if results.growth is None or maps is None or not len(maps.epochs):
         note = "needs the longer training, with maps after several epochs"
         return "epochs", statistics.undecided(claims.TREND, 0, note), statistics.undecided(claims.SIGNED_RANK, 0, note)
-    place = results.map_world(results.growth), results.vehicle_radius(results.growth)
+    place = results.map_layout(results.growth), results.vehicle_radius(results.growth)
     after = {epoch: encoding.look_difference(then, *place) for epoch, then in sorted(maps.snapshots.items())}
     epochs = f"epoch {max(after)} minus epoch {min(after)}"
     last = after[max(after)]

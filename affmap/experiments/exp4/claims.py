@@ -22,7 +22,7 @@ def _loss(results: Results) -> list[Criterion]:
 
 
 def _error(results: Results) -> list[Criterion]:
-    return [_with_minus_without(claims.flown(results), "prediction_error")]
+    return [_with_minus_without(claims.select_runs(results), "prediction_error")]
 
 
 def _with_minus_without(table: pd.DataFrame, metric: str) -> Criterion:
@@ -42,7 +42,7 @@ def _with_minus_without(table: pd.DataFrame, metric: str) -> Criterion:
 
 
 def _success(results: Results) -> list[Criterion]:
-    runs = claims.flown(results)
+    runs = claims.select_runs(results)
     outcome = _at_least(runs[runs["context_size"] > 0])
     shares = runs.groupby("context_size")["success"].mean()
     notes = [f"C = {size}: {number(share)}" for size, share in shares.items()]

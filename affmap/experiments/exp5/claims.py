@@ -29,7 +29,7 @@ NEARLY_ALWAYS = 0.9
 
 
 def _easy_beats_hard(results: Results) -> list[Criterion]:
-    runs = claims.flown(results)
+    runs = claims.select_runs(results)
     found = []
     compared: dict[str, tuple[str, Order, str]] = {
         "success": ("success", "higher", "More runs succeed in easy worlds."),
@@ -45,7 +45,7 @@ def _easy_beats_hard(results: Results) -> list[Criterion]:
 def _improves(results: Results) -> list[Criterion]:
     found = []
     for called, layout in (("easy", EASY), ("hard", HARD)):
-        runs, who = claims.flown(results, layout), f"EB in {called} worlds"
+        runs, who = claims.select_runs(results, layout), f"EB in {called} worlds"
         more, less = (
             f"{called}: more runs succeed with larger contexts.",
             f"{called}: the error falls with the context size.",
@@ -57,7 +57,7 @@ def _improves(results: Results) -> list[Criterion]:
 
 def _nearly_always(results: Results) -> list[Criterion]:
     """A world may have no way for a vehicle that steers freely; how the other runs did is in the note."""
-    runs = claims.flown(results, EASY)
+    runs = claims.select_runs(results, EASY)
     runs = runs[runs["context_size"] == runs["context_size"].max()]
     shares = score_matrix(runs, "success").to_numpy(float)[:, 0] if len(runs) else np.empty(0)
     outcome = statistics.at_least(shares, NEARLY_ALWAYS)

@@ -39,5 +39,5 @@ def explored(results: Results) -> list[tuple[Floats, Floats, float, Layout]]:
     parts: list[tuple[Floats, Floats, float, Layout]] = []
     for job in first_settings(results.settings, "data"):
         data = results.exploration(job)
-        parts += zip(data.counts, data.free, data.coverage, results.training_worlds(job), strict=True)
+        parts += zip(data.counts, data.free, data.coverage, results.training_layouts(job), strict=True)
     return parts

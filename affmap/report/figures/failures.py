@@ -29,7 +29,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         same = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
         row = results.where({key: each for key, each in same.items() if key != results.x.key})
         row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
-        flown = results.worlds(row[0])
+        flown = results.run_layouts(row[0])
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
         if len(set(flown)) == 1:
             found = failures.places(results, row)
@@ -52,7 +52,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
 
 def _caption(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
-    if any(len(set(results.worlds(job))) > 1 for job in results.settings):
+    if any(len(set(results.run_layouts(job))) > 1 for job in results.settings):
         others = (
             "Second: of the runs that never arrived, whether they were in fog or not, what the vehicle was nearest to "
             "at its end, or deepest inside of. Third: median prediction error of single steps, by the number of "

@@ -11,7 +11,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     """Draw and caption the figure; None where there is no such training."""
     if results.growth is None or results.growth_maps is None or not results.growth_maps.snapshots:
         return None
-    world = results.map_world(results.growth)
+    world = results.map_layout(results.growth)
     snapshots = results.growth_maps.snapshots
     radius = results.vehicle_radius(results.growth)
     colors = arena.paint([(arrays, world) for arrays in snapshots.values()], radius, 0)

@@ -28,7 +28,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
         for ax in axes[len(shown) :]:
             ax.set_axis_off()
         for ax, example in zip(axes, shown, strict=False):
-            place = results.worlds(example.setting)[example.problem], results.vehicle_radius(example.setting)
+            place = results.run_layouts(example.setting)[example.problem], results.vehicle_radius(example.setting)
             # Without throttles, whose jets are too small in print.
             scenes.append(example.paths.scene(example.problem, example.step, *place)._replace(action=None))
             arena.scene(ax, scenes[-1])

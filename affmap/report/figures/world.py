@@ -36,10 +36,10 @@ def shown_worlds(results: Results, settings: ReportSettings) -> dict[str, Layout
     """Title -> the worlds of a report, each once: of training, of control, and of the maps."""
     found: dict[Layout, list[str]] = {}
     for job in first_settings(results.settings, "data"):
-        for world in results.training_worlds(job):
+        for world in results.training_layouts(job):
             found.setdefault(world, []).append("training")
     for job in first_settings(results.settings, "layout"):
-        flown = list(dict.fromkeys(results.worlds(job)))
+        flown = list(dict.fromkeys(results.run_layouts(job)))
         for number, world in enumerate(flown[:NUM_WORLDS]):
             found.setdefault(world, []).append("control" if len(flown) == 1 else f"control, run {number}")
     size = map_size(results)

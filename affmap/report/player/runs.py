@@ -77,7 +77,7 @@ def codes_along(results: Results, job: Setting, member: int, path: Floats, world
 
     None where there is none: without a context, and in a world that no map has been painted of.
     """
-    if job.context_size == 0 or results.map_world(job) != world:
+    if job.context_size == 0 or results.map_layout(job) != world:
         return None
     maps = results.read_maps(job)
     (index,) = np.flatnonzero(maps.member == member)
@@ -94,7 +94,7 @@ def _runs(
     worlds: dict[Layout, int],
 ) -> list[dict[str, Any]]:
     """Runs of a job; their worlds are put into `worlds`, unless they are there."""
-    paths, flown = results.trajectories(job), results.worlds(job)
+    paths, flown = results.trajectories(job), results.run_layouts(job)
     found = []
     for number in numbers:
         member, index = first_member(paths, number)
@@ -140,7 +140,7 @@ def _caption(results: Results, count: int, present: set[str]) -> str:
     )
     if "fog" in present:
         found += "Inside fog a plan starts at the noisy position that the vehicle reports. "
-    if any(results.map_world(job) in results.worlds(job) for job in results.settings if job.context_size):
+    if any(results.map_layout(job) in results.run_layouts(job) for job in results.settings if job.context_size):
         return found + "The context code is that of the member's affordance map at the true position."
     if max(results.context_sizes):
         return found + "There are no context codes: runs were not flown in the world whose affordance map was painted."
