@@ -71,7 +71,8 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
 
 def _filled(line: re.Match[str]) -> str:
-    return MACROS[line[1]](*line[2].split(" | "))
+    macro = MACROS.get(line[1])
+    return macro(*line[2].split(" | ")) if macro else line[0]  # a directive of reports that a page shows
 
 
 def _formula(block: re.Match[str]) -> str:

@@ -17,6 +17,7 @@ from affmap.results import statistics
 from affmap.results.files import Floats, Maps
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number, p_value
+from affmap.results.setting import CONTEXT_SIZE, Factor
 from affmap.results.statistics import Direction, Order, Outcome, Verdict
 from affmap.results.tables import Results, score_matrix
 
@@ -97,14 +98,20 @@ def select_runs(results: Results, layout: str | None = None, planner: str = "cem
 
 
 def trend(
-    table: pd.DataFrame, metric: str, direction: Direction, who: str, name: str = "", statement: str = ""
+    table: pd.DataFrame,
+    metric: str,
+    direction: Direction,
+    who: str,
+    name: str = "",
+    statement: str = "",
+    factor: Factor = CONTEXT_SIZE,
 ) -> Criterion:
-    """Test a trend over the context sizes in `table`; if it is empty, the note says that `who` was not run."""
+    """Test a trend over the values of a factor in `table`; if it is empty, the note says that `who` was not run."""
     if table.empty:
         outcome = statistics.undecided(TREND, 0, f"{who} was not run")
-        return Criterion(name, "context sizes", METRICS[metric].unit, outcome, statement)
-    matrix = score_matrix(table, metric)
-    effect_of = f"C = {matrix.columns[-1]} minus C = {matrix.columns[0]}"
+        return Criterion(name, f"{factor.label}s", METRICS[metric].unit, outcome, statement)
+    matrix = score_matrix(table, metric, [factor.column])
+    effect_of = " minus ".join(factor.format(matrix.columns[end]) for end in (-1, 0))
     outcome = statistics.trend(matrix.to_numpy(), direction, METRICS[metric].statistic)
     return Criterion(name, effect_of, METRICS[metric].unit, outcome, statement)
 
