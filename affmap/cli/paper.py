@@ -25,7 +25,6 @@ def _paper(paper: Sweep, publish: bool) -> None:
     from affmap.experiments import PAPER, claims_about  # reports take seconds to import
     from affmap.experiments.paper.report import Chapter, PaperReport
     from affmap.report import build
-    from affmap.results.tables import Results
 
     chapters = []
     for experiment in PAPER:
@@ -36,7 +35,7 @@ def _paper(paper: Sweep, publish: bool) -> None:
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
         claims = claims_about(first.report.claims)
-        results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
+        results = part.results(first.report)
         chapters.append(Chapter(first.title, results, first.report, claims, first.output, part.missing))
     first = paper.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))

@@ -47,7 +47,6 @@ def make_report(jobs: Search | Sweep) -> Report:
     from affmap.experiments import claims_about  # reports take seconds to import
     from affmap.experiments.comparison.report import ComparisonReport
     from affmap.report.experiment import ExperimentReport
-    from affmap.results.tables import Results
 
     first, part = jobs.first, completed(jobs)
     partial = f"PARTIAL: {part.missing.partition(' (')[0]}" if part.missing else None
@@ -60,8 +59,7 @@ def make_report(jobs: Search | Sweep) -> Report:
     if first.report.compare:
         return ComparisonReport(first.output, part.settings, first.report.compare, **head, notice=notice)
     claims = claims_about(first.report.claims)
-    results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
-    return ExperimentReport(first.output, results, first.report, claims, **head, notice=notice)
+    return ExperimentReport(first.output, part.results(first.report), first.report, claims, **head, notice=notice)
 
 
 def _make_search_report(search: Search) -> Report:
