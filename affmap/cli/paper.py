@@ -25,7 +25,6 @@ def _paper(paper: Sweep, publish: bool) -> None:
     from affmap.experiments import ROOMS, open_room  # reports take seconds to import
     from affmap.experiments.paper.report import Chapter, PaperReport
     from affmap.report import build
-    from affmap.results.tables import Results
 
     chapters = []
     for experiment in ROOMS:
@@ -38,7 +37,7 @@ def _paper(paper: Sweep, publish: bool) -> None:
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
         room = open_room(experiment, first.report.claims)
-        results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
+        results = part.results(first.report)
         chapters.append(Chapter(first.title, results, first.report, room, first.output, part.missing))
     first = paper.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))

@@ -47,7 +47,6 @@ def make_report(jobs: Search | Sweep) -> Report:
     from affmap.experiments import open_room  # reports take seconds to import
     from affmap.experiments.comparison.report import ComparisonReport
     from affmap.report.experiment import ExperimentReport
-    from affmap.results.tables import Results
 
     first, part = jobs.first, completed(jobs)
     partial = f"PARTIAL: {part.missing.partition(' (')[0]}" if part.missing else None
@@ -59,9 +58,8 @@ def make_report(jobs: Search | Sweep) -> Report:
     notice = "; ".join(filter(None, [first.notice, partial])) or None
     if first.report.compare:
         return ComparisonReport(first.output, part.settings, first.report.compare, **head, notice=notice)
-    results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
     room = open_room(first.name, first.report.claims)
-    return ExperimentReport(first.output, results, first.report, room, **head, notice=notice)
+    return ExperimentReport(first.output, part.results(first.report), first.report, room, **head, notice=notice)
 
 
 def _make_search_report(search: Search) -> Report:

@@ -1,8 +1,8 @@
 """The vision model in one pass over each view: position -> pixels as bits -> context code.
 
 The reference is `affmap.view` with `affmap.model.vision`. The first convolution is read from a table: a channel of its
-kernel sees 3 x 3 pixels, which can be 512 different pictures. Codes differ from PyTorch's by what rounding makes of
-another order of additions, and do not depend on what else is looked up.
+kernel sees 3 x 3 pixels, which can be 512 different pictures. Codes differ from PyTorch's by the rounding of another
+order of additions, and do not depend on other look-ups.
 """
 
 import numpy as np
@@ -84,7 +84,7 @@ def encode(
     hidden3: np.ndarray,
     code: np.ndarray,
 ) -> None:
-    """One member's code of the view in `rows` `[K, 11]`; its weights flat, and memory for what is in between."""
+    """One member's code of the view in `rows` `[K, 11]`; its weights flat, and buffers between layers."""
     num_features = len(bias2) // 8
     _pool(rows, pictures, num_features, convolved, features)
     for first in range(0, PER_SIDE**2 * num_features, WIDTH):

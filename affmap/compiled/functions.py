@@ -105,13 +105,13 @@ def log(x: Any) -> Any:
 
 @inlined
 def sigmoid(x: Any) -> Any:
-    """1 / (1 + 2^x); 2^-30 for what is less."""
+    """1 / (1 + 2^x), at least 2^-30."""
     return splat(np.float32(1)) / _one_and_power(x)
 
 
 @inlined
 def sigmoids(a: Any, b: Any, c: Any, d: Any) -> Any:
-    """1 / (1 + 2^x) of four vectors, with a single division; 2^-30 for what is less."""
+    """1 / (1 + 2^x) of four vectors, at least 2^-30, with a single division."""
     a, b, c, d = _one_and_power(a), _one_and_power(b), _one_and_power(c), _one_and_power(d)
     ab, cd = a * b, c * d
     inverse = splat(np.float32(1)) / (ab * cd)  # at most 2^120

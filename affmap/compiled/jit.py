@@ -27,7 +27,7 @@ _SOURCES = _sources()
 
 
 class _Cache(FunctionCache):
-    """Compiled code on disk that belongs to all code of this folder; what cannot be read or written is no error."""
+    """A cache of compiled code on disk, valid for all code of this folder; failures to read or write are ignored."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)

@@ -52,7 +52,7 @@ class Worlds(NamedTuple):
     """W worlds, float64; those with fewer things are padded with distances of -inf, which nothing is below."""
 
     solids: Array
-    """`[W, S, 5]`, what the vehicle can touch: a point, whether its distance counts along x and along y (a circle has
+    """`[W, S, 5]`, solid things: a point, whether its distance counts along x and along y (a circle has
     both, a border one of them), and the distance of the vehicle's centre below which it touches, u."""
     fields: Array
     """`[W, F, 5]`: centre, the distance from it below which a field acts (u), and the direction of its pull."""
@@ -137,8 +137,8 @@ def _step(
     """Position (u) and velocity (u/s) after a step (b2World::Step); `contacts` and `impulses` are buffers."""
     dt = body.time_step
     touching = _find_contacts(solids, x, y, contacts)
-    kept = max(1 - dt * (body.contact_damping if touching else body.damping), 0.0)
-    speed_x, speed_y = (speed_x + dt * force_x / body.mass) * kept, (speed_y + dt * force_y / body.mass) * kept
+    scale = max(1 - dt * (body.contact_damping if touching else body.damping), 0.0)
+    speed_x, speed_y = (speed_x + dt * force_x / body.mass) * scale, (speed_y + dt * force_y / body.mass) * scale
     speed_x, speed_y = _deflect(solids, contacts, touching, impulses, body.velocity_iterations, speed_x, speed_y)
     new_x, new_y, speed_x, speed_y = _move(x, y, speed_x, speed_y, dt)
     new_x, new_y = _push_out(
@@ -190,7 +190,7 @@ def _find_contacts(solids: Array, x: float, y: float, contacts: Array) -> int:
 def _deflect(
     solids: Array, contacts: Array, touching: int, impulses: Array, iterations: int, speed_x: float, speed_y: float
 ) -> Any:
-    """The velocity without its part into what is touched, by impulses that push and never pull."""
+    """The velocity without its part into touched things, by impulses that push and never pull."""
     impulses[:touching] = 0.0
     for _ in range(iterations if touching else 0):
         for c in range(touching):
@@ -214,7 +214,7 @@ def _move(x: float, y: float, speed_x: float, speed_y: float, duration: float) -
 def _push_out(
     solids: Array, contacts: Array, touching: int, share: float, enough: float, iterations: int, x: float, y: float
 ) -> Any:
-    """The position, moved out of what was touched until it overlaps nothing by more than `enough` (u)."""
+    """The position, moved out of touched things until it overlaps nothing by more than `enough` (u)."""
     for _ in range(iterations if touching else 0):
         deepest = 0.0
         for c in range(touching):
@@ -267,11 +267,11 @@ def _root(target: float, now: float, distance: float, at_end: float) -> float:
     moment = low
     for k in range(ROOTS):
         moment = low + (target - at_low) * (high - low) / (at_high - at_low) if k % 2 else (low + high) / 2
-        found = distance + (moment - now) / (1 - now) * (at_end - distance)
-        if abs(found - target) < TOLERANCE:
+        at_moment = distance + (moment - now) / (1 - now) * (at_end - distance)
+        if abs(at_moment - target) < TOLERANCE:
             break
-        if found > target:
-            low, at_low = moment, found
+        if at_moment > target:
+            low, at_low = moment, at_moment
         else:
-            high, at_high = moment, found
+            high, at_high = moment, at_moment
     return moment

@@ -41,7 +41,7 @@ def paint(
         rows[border_channel, row] = np.uint64(2**pixels - 1) if y < 0 or y > size[1] else outside
     for number in range(len(circles)):
         center_x, center_y, squared_radius = circles[number]
-        # Rounding never changes the order of two numbers: what the nearest column and row do not meet, no pixel does.
+        # Rounding never changes the order of two numbers: a circle that misses the nearest column and row has no pixel.
         near_x = _least_square(position[0] + offsets[0] - center_x, position[0] + offsets[-1] - center_x)
         near_y = _least_square(position[1] + offsets[0] - center_y, position[1] + offsets[-1] - center_y)
         if near_x > squared_radius - near_y:

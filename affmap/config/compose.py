@@ -44,7 +44,7 @@ def check(overrides: Sequence[str]) -> Config:
 
 
 def check_launch(settings: Mapping[str, Any]) -> None:
-    """Validate what Hydra would only trip over when it starts the jobs: its folders and the number of workers.
+    """Validate settings that Hydra only checks when it starts the jobs: its folders and the number of workers.
 
     Args:
         settings: returned by `launch_settings`.
@@ -126,8 +126,8 @@ def _explain(error: Exception) -> str:
         nested = [
             str(file.relative_to(folder() / group).with_suffix("")) for file in folder().glob(f"{group}/*/**/*.yaml")
         ]
-        known = ", ".join([*options.split(), *sorted(nested)])  # Hydra leaves out files in folders of the folder
-        return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {known}."
+        names = ", ".join([*options.split(), *sorted(nested)])  # Hydra leaves out files in folders of the folder
+        return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
     # Hydra's messages end in addresses, its own places and types, and name classes and columns.
     text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|To append|\^)", text)[0]
     text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)

@@ -68,7 +68,7 @@ def demands(config: Config) -> Iterator[Demand]:
         keys.append("planner.num_candidates")
     yield Demand("planning", keys, agents * search)
     keys = ["members", "control.runs_per_member", "control.num_steps", "planner.horizon"]
-    yield Demand("what control records", keys, agents * control.num_steps * (4 * planner.horizon + 10))
+    yield Demand("the records of control", keys, agents * control.num_steps * (4 * planner.horizon + 10))
     codes, codes_keys = members * model.context_size, ("members", "model.context_size")
     nodes = _nodes(config.map_layout.size, config.report.map_spacing)
     yield Demand("maps of the report", (*codes_keys, "report.map_spacing", "map_layout.size"), 2 * codes * nodes)

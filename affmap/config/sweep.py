@@ -36,7 +36,7 @@ class Sweep(NamedTuple):
     overrides: list[str]
     configs: list[Config]
     values: list[dict[str, str]]
-    """Of each job: swept key -> its value, as on the command line."""
+    """For each job: swept key -> its value, as on the command line."""
 
     @classmethod
     def read(cls, arguments: Sequence[str]) -> "Sweep":
@@ -56,7 +56,7 @@ class Sweep(NamedTuple):
 
     @property
     def first(self) -> Config:
-        """The first job; all agree on what concerns reports."""
+        """The first job; all share the settings of reports."""
         return self.configs[0]
 
     def companions(self) -> "list[Sweep]":
@@ -183,7 +183,7 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
 
 
 def swept_values(overrides: Sequence[str]) -> list[dict[str, str]]:
-    """Of each job of a command line: swept key -> its value."""
+    """For each job of a command line: swept key -> its value."""
     parsed = parse(overrides)
     keys = {override.key_or_group for override in parsed if override.is_sweep_override()}
     lines = [[each.line.lstrip("+").partition("=") for each in job] for job in expand(parsed)]

@@ -65,7 +65,7 @@ class DataModule(lightning.LightningDataModule):
     """Training and validation batches of a data set on disk.
 
     The order of the batches follows from the data set's seed and the epoch alone: members share it, and a resumed
-    training sees what an undisturbed one would have seen.
+    training sees the same batches as an undisturbed one.
     """
 
     def __init__(self, path: Path, exploration: Exploration, batch_size: int, chunk_length: int) -> None:

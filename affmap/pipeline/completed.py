@@ -8,8 +8,8 @@ from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import find
 from affmap.results.provenance import leaves
-from affmap.results.setting import PLANNER, Setting, Value
-from affmap.results.tables import join
+from affmap.results.setting import PLANNER, ReportSettings, Setting, Value
+from affmap.results.tables import Results, join
 from affmap.settings.messages import ConfigError
 
 
@@ -22,6 +22,10 @@ class Completed(NamedTuple):
     """Settings of agents without a learned model."""
     missing: str
     """A sentence about incomplete settings; empty if there are none."""
+
+    def results(self, settings: ReportSettings) -> Results:
+        """The results of these settings, grouped as a report's settings say."""
+        return Results(self.settings, self.growth, settings.x, settings.color, self.baselines)
 
 
 def completed(sweep: Sweep) -> Completed:
@@ -54,7 +58,7 @@ def _settings(sweep: Sweep) -> list[Setting | None]:
 
 
 def _values(sweep: Sweep) -> list[dict[str, Value]]:
-    """Of each job, the values of the swept keys: those of the configuration, else those of the command line.
+    """For each job the values of the swept keys: those of the configuration, else those of the command line.
 
     A group has its name or kind as its value, if that identifies its file, else the file's name.
     """

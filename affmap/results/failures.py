@@ -141,8 +141,8 @@ def places(results: Results, settings: Sequence[Setting]) -> Places:
     fog, ended = [], []
     for setting in [setting for setting in settings if setting.context_size > 0] or settings:
         paths = results.trajectories(setting)
-        entered = paths.in_fog.any(axis=1)
-        first = paths.in_fog[entered].argmax(axis=1) + 1  # a step's end is the next position
-        fog.append(paths.position[entered, first])
+        any_fog = paths.in_fog.any(axis=1)
+        first = paths.in_fog[any_fog].argmax(axis=1) + 1  # a step's end is the next position
+        fog.append(paths.position[any_fog, first])
         ended.append(paths.position[~paths.reached.any(axis=1), -1])
     return Places(np.concatenate(fog), np.concatenate(ended))

@@ -81,13 +81,7 @@ def _final_spread(paths: Trajectories) -> Column:
 METRICS = {
     "validation_nll": Metric("validation loss", "nats", "validation NLL (nats)", statistic="median", margin=0.5),
     "prediction_error": Metric(
-        "prediction error",
-        "nats",
-        "prediction error (nats)",
-        _prediction_error,
-        statistic="median",
-        margin=0.5,
-        stored=True,
+        "prediction error", "nats", "prediction error (nats)", _prediction_error, "median", margin=0.5, stored=True
     ),
     "mean_distance": Metric(
         "mean distance", "u", "mean distance to the goal (u)", _mean_distance, margin=0.05, stored=True

@@ -121,24 +121,14 @@ def at_least(scores: ArrayLike, level: float) -> Outcome:
 
     The claim holds when the whole 95 % interval is, does not hold when none of it is, and is else not decided.
     """
-
-    def decide(low: float, high: float) -> Verdict:
-        if low >= level:
-            return Verdict.HOLDS
-        return Verdict.DOES_NOT_HOLD if high < level else Verdict.NOT_DECIDED
-
-    return _by_interval(f"95 % interval from {level:g} up", np.asarray(scores, dtype=float), decide)
+    test = f"95 % interval from {level:g} up"
+    return _by_interval(test, np.asarray(scores, dtype=float), lambda low, high: _decide(low >= level, high < level))
 
 
 def below(scores: ArrayLike, level: float) -> Outcome:
     """Test whether the mean over members of scores `[M]` is less than `level`; decided as `at_least` is."""
-
-    def decide(low: float, high: float) -> Verdict:
-        if high < level:
-            return Verdict.HOLDS
-        return Verdict.DOES_NOT_HOLD if low >= level else Verdict.NOT_DECIDED
-
-    return _by_interval(f"95 % interval below {level:g}", np.asarray(scores, dtype=float), decide)
+    test = f"95 % interval below {level:g}"
+    return _by_interval(test, np.asarray(scores, dtype=float), lambda low, high: _decide(high < level, low >= level))
 
 
 def everywhere(each: Sequence[Outcome], mean: Outcome) -> Outcome:
@@ -169,9 +159,7 @@ def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
 
 def verdict(p: float, p_opposite: float) -> Verdict:
     """Decide from the two one-sided p values."""
-    if p < LEVEL:
-        return Verdict.HOLDS
-    return Verdict.DOES_NOT_HOLD if p_opposite < LEVEL else Verdict.NOT_DECIDED
+    return _decide(p < LEVEL, p_opposite < LEVEL)
 
 
 def equivalence(low: float, high: float, margin: float) -> Verdict:
@@ -180,16 +168,17 @@ def equivalence(low: float, high: float, margin: float) -> Verdict:
     They are when the interval lies within the margin to both sides; they are not when it leaves out zero and reaches
     beyond the margin.
     """
-    if -margin <= low and high <= margin:
-        return Verdict.HOLDS
-    return Verdict.DOES_NOT_HOLD if low > 0 or high < 0 else Verdict.NOT_DECIDED
+    return _decide(-margin <= low and high <= margin, low > 0 or high < 0)
+
+
+def _decide(holds: bool, fails: bool) -> Verdict:
+    """The verdict of a claim that holds, or else fails, or is undecided."""
+    return Verdict.HOLDS if holds else Verdict.DOES_NOT_HOLD if fails else Verdict.NOT_DECIDED
 
 
 def conjunction(verdicts: Sequence[Verdict]) -> Verdict:
     """A claim of several parts holds when all do, and does not hold when one does not."""
-    if Verdict.DOES_NOT_HOLD in verdicts:
-        return Verdict.DOES_NOT_HOLD
-    return Verdict.NOT_DECIDED if Verdict.NOT_DECIDED in verdicts else Verdict.HOLDS
+    return _decide(all(each is Verdict.HOLDS for each in verdicts), Verdict.DOES_NOT_HOLD in verdicts)
 
 
 def undecided(test: str, members: int, note: str, effect: float | None = None) -> Outcome:

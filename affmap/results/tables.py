@@ -47,13 +47,12 @@ class Results(Design):
         table = pd.concat([self._with_factors(read_runs(setting), setting) for setting in self.settings])
         order = ["context_size", "planner", "layout", *self._own_columns, "member", "run"]
         places = {value: place for place, value in enumerate(self.x_values)}
-        if any(isinstance(value, str) for value in places):  # names have no order of their own
-            order = [self.x.column, *(column for column in order if column != self.x.column)]
-            names = {self.x.column}
-        else:
-            names = set()
+        if all(not isinstance(value, str) for value in places):
+            return table.sort_values(order, ignore_index=True)
+        x = self.x.column  # its names have no order of their own
+        order = [x, *(column for column in order if column != x)]
         return table.sort_values(
-            order, key=lambda column: column.map(places) if column.name in names else column, ignore_index=True
+            order, key=lambda column: column.map(places) if column.name == x else column, ignore_index=True
         )
 
     @cached_property

@@ -511,7 +511,7 @@ def test_a_report_of_other_results_is_not_replaced(
 def test_a_report_and_all_that_it_comes_from_can_be_checked(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whole; then a table changed, a stage corrupted, and a larger sweep than the one that was run."""
+    """Whole; then a table changed, a stage corrupted, and a sweep larger than the one run: each is reported."""
     folder = tmp_path / "checked"
     shutil.copytree(swept, folder)
     arguments = line(folder, *SWEEP)

@@ -11,7 +11,7 @@ import pytest
 
 import affmap
 from affmap.env.effects import EFFECTS
-from affmap.env.procedural import world
+from affmap.env.procedural import first_layout
 from affmap.env.scene import LAYERS
 from affmap.play import render as film
 
@@ -43,7 +43,7 @@ def test_a_frame_shows_the_vehicle_where_it_was() -> None:
 def test_of_rules_for_worlds_the_member_s_first_is_flown() -> None:
     """Experiment V's: the world that `world` gives."""
     (frame,) = film.film("exp5", [8], member=3, num_steps=1, with_map=False)
-    layout = world("procedural_easy", 3)
+    layout = first_layout("procedural_easy", 3)
     circle = max(layout.circles, key=lambda each: (each.effect == "obstacle", each.radius))
     x, y = circle.center
     row, column = round((2 - y) * film.SCALE) + film.HEAD, round(x * film.SCALE)
