@@ -7,12 +7,12 @@ import numpy as np
 from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score
-from affmap.results.metrics import METRICS, success
+from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, listed, number, span
 from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
 from affmap.results.statistics import Outcome, Verdict
-from affmap.results.tables import Results
+from affmap.results.tables import Results, read_runs
 
 AXES = (
     "The paper prints no result as text; the ticks of its figures' axes are the only numbers. What lies inside them "
@@ -149,14 +149,14 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
         flown = results.where({LAYOUT.key: layout})
         last = max(flown, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
         worlds = results.run_layouts(last)
-        if len(set(worlds)) == 1:
+        if not results.has_own_layouts(last):
             continue
         effects = [{circle.effect for circle in world.circles} - {"none"} for world in worlds]
         every = set().union(*effects)
         parts = [f"{sum(each == every for each in effects)} have all {len(every)} properties"]
         foggy = np.array(["fog" in each for each in effects])
         if 0 < foggy.sum() < len(foggy):
-            share = success(results.trajectories(last))[foggy].mean()
+            share = read_runs(last)["success"].to_numpy()[foggy].mean()
             at = name_of(results.x, last.values[results.x.key], settings)
             parts.append(f"{(~foggy).sum()} have no fog (in the others {number(share)} of the runs at {at} succeed)")
         sentences.append(f"Of the {len(worlds)} random worlds “{readable(layout, settings)}” {listed(parts)}.")

@@ -31,7 +31,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
         flown = results.run_layouts(row[0])
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
-        if len(set(flown)) == 1:
+        if not results.has_own_layouts(row[0]):
             found = failures.places(results, row)
             arena.heat(middle, found.fog, flown[0]).set_title(f"fog first entered ({len(found.fog)})", loc="left")
             arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
@@ -52,7 +52,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
 
 def _caption(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
-    if any(len(set(results.run_layouts(job))) > 1 for job in results.settings):
+    if results.has_own_layouts():
         others = (
             "Second: of the runs that never arrived, whether they were in fog or not, what the vehicle was nearest to "
             "at its end, or deepest inside of. Third: median prediction error of single steps, by the number of "
