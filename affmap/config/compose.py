@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 
 from affmap.config import memory
 from affmap.config.root import Config, plain
-from affmap.settings import ConfigError, check_folder, folder
+from affmap.settings import ConfigError, check_folder, folder, read
 from affmap.settings.messages import one_line, shown
 
 FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
@@ -122,4 +122,6 @@ def _in_folders(text: str) -> str:
     if not group:
         return ""
     paths = sorted(folder().glob(f"{group[1]}/*/**/*.yaml"))
-    return "".join(f" {path.relative_to(folder() / group[1]).with_suffix('')}" for path in paths)
+    groups = {key for entry in read(".", "config")["defaults"] if isinstance(entry, dict) for key in entry}
+    options = [path for path in paths if path.parent.relative_to(folder()).as_posix() not in groups]
+    return "".join(f" {path.relative_to(folder() / group[1]).with_suffix('')}" for path in options)

@@ -34,7 +34,7 @@ PLANNERS = {
 
 
 def short_name(kind: str) -> str:
-    """The abbreviation of a planner (`conf/report/default.yaml`): the paper's EB and GB, or its kind."""
+    """The abbreviation of a planner or model (`conf/report/default.yaml`): the paper's EB and GB, MLP, or its kind."""
     names: Mapping[str, str] = read("report", "default")["names"]
     return names.get(kind, kind)
 
@@ -146,7 +146,7 @@ class ReportSettings(Settings):
     color: Annotated[Line | None, Neutral(None), Field(exclude=True)]
     """The key that colours tell apart; None for whatever else is varied."""
     names: Mapping[Line, Line] = Field(exclude=True)
-    """What planners and layouts are called; others keep their own names."""
+    """What planners, layouts and models are called; others keep their own names."""
     paper_figures: Annotated[Mapping[Line, Count], Neutral({}), Field(exclude=True)]
     """Figure of the report -> number of the paper's figure that it corresponds to."""
     outcome: Literal["mean_distance", "success"] = Field(exclude=True)
