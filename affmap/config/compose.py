@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 
 from affmap.config import memory
 from affmap.config.root import Config, plain
-from affmap.settings import ConfigError, check_folder, folder
+from affmap.settings import ConfigError, check_folder, folder, read
 from affmap.settings.messages import format_value, one_line
 
 FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
@@ -123,10 +123,7 @@ def _explain(error: Exception) -> str:
         return _explain_key(getattr(error.__cause__, "full_key", None) or override[1])
     if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
         path, group, options = choice.groups()
-        nested = [
-            str(file.relative_to(folder() / group).with_suffix("")) for file in folder().glob(f"{group}/*/**/*.yaml")
-        ]
-        names = ", ".join([*options.split(), *sorted(nested)])  # Hydra leaves out files in folders of the folder
+        names = ", ".join([*options.split(), *_nested(group)])
         return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
     # Hydra's messages end in addresses, its own places and types, and name classes and columns.
     text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|To append|\^)", text)[0]
@@ -143,3 +140,10 @@ def _explain_key(key: str) -> str:
             "models=reference or hydra.launcher.n_jobs=1 instead."
         )
     return f"{key} is not a known key; correct its spelling."
+
+
+def _nested(group: str) -> list[str]:
+    """Options of a group that Hydra's list leaves out: files in its folders, but for those that are groups."""
+    groups = {key for entry in read(".", "config")["defaults"] if isinstance(entry, dict) for key in entry}
+    paths = [path.relative_to(folder()) for path in sorted(folder().glob(f"{group}/*/**/*.yaml"))]
+    return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in groups]

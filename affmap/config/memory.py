@@ -12,6 +12,7 @@ from typing import NamedTuple
 from affmap.config.root import Config
 from affmap.env.geometry import STEP
 from affmap.env.layout import Layout
+from affmap.model.settings import ModelSettings
 from affmap.planning.cem import CEMPlanner
 from affmap.settings.messages import ConfigError, format_value
 from affmap.view import PIXELS
@@ -61,7 +62,7 @@ def demands(config: Config) -> Iterator[Demand]:
     yield from _training(config)
     agents = members * control.runs_per_member
     # The actions of all candidates and their copies, and one step of all of them in the models.
-    search = 8 * planner.horizon + model.context_size + model.hidden_size
+    search = 8 * planner.horizon + model.context_size + _units(model)
     keys = ["members", "control.runs_per_member", "planner.horizon", "model.context_size", "model.hidden_size"]
     if isinstance(planner, CEMPlanner):
         search *= planner.num_candidates + planner.num_kept
@@ -92,12 +93,22 @@ def _training(config: Config) -> Iterator[Demand]:
     model, training = config.model, config.training
     members = config.members * (training.num_trials or 1)
     # With gradients and Adam's two moments.
-    weights = 4 * members * (model.context_size * (model.hidden_size + 32) + 10 * model.hidden_size)
+    inputs = model.context_size + 10 + (model.hidden_size if _is_recurrent(model) else 0)
+    weights = 4 * members * (inputs * _units(model) + 32 * model.context_size)
     yield Demand("the models", ("members", "model.context_size", "model.hidden_size"), weights)
     batch = training.batch_size * min(training.chunk_length, config.data.num_steps)
     keys = ("members", "training.batch_size", "training.chunk_length", "model.context_size", "model.hidden_size")
-    yield Demand("a batch", keys, 2 * members * batch * (model.context_size + model.hidden_size))
+    yield Demand("a batch", keys, 2 * members * batch * (model.context_size + _units(model)))
     yield Demand("the losses", ("members", "training.num_epochs"), 2 * members * training.num_epochs)
+
+
+def _is_recurrent(model: ModelSettings) -> bool:
+    return model.transition.kind == "gru"
+
+
+def _units(model: ModelSettings) -> int:
+    """The numbers that a step of the transition model computes: each of a GRU's r, z and n has its hidden units."""
+    return (3 if _is_recurrent(model) else 1) * model.hidden_size
 
 
 def _nodes(size: tuple[float, float], spacing: float) -> float:

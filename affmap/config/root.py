@@ -216,8 +216,7 @@ class Config(Settings):
 
 def label(config: Config) -> str:
     """A short description of a job, for logs."""
-    layout, size = config.control_layout.name, config.model.context_size
-    return f"{layout}, context size {size}, {config.controller}, {config.lookup.name}"
+    return f"{config.control_layout.name}, {config.model.name}, {config.controller}, {config.lookup.name}"
 
 
 def plain(config: Any) -> dict[str, Any]:

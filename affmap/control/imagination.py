@@ -22,7 +22,7 @@ from affmap.model import direct
 from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack, num_changes, readable
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 from affmap.planning.objective import expected_free_energy
 from affmap.planning.planner import Objective
 
@@ -48,7 +48,7 @@ class CompiledImagination(Protocol):
 
 def compiled_imagination(stack: Stack, lookup: Lookup) -> CompiledImagination | None:
     """That of a stack with a look-up, or None for models, look-ups and devices that it does not know."""
-    if type(stack.transition) is not TransitionModel or not readable(stack.parameters()):
+    if type(stack.transition) is not MLP or not readable(stack.parameters()):
         return None
     if isinstance(lookup, AffordanceMap) and readable([lookup.codes]):
         return MapImagination(stack, lookup)
@@ -138,6 +138,7 @@ class _Networks:
     """The weights of a stack's transition models, arranged anew when they have changed."""
 
     def __init__(self, stack: Stack) -> None:
+        assert isinstance(stack.transition, MLP)
         self._transition, self._parameters = stack.transition, list(stack.transition.parameters())
         self._changes = -1
         self._packed: Weights

@@ -26,6 +26,7 @@ def load(
     members: Sequence[int] = (0,),
     planner: Planner | str | None = None,
     layout: str | None = None,
+    transition: str | None = None,
 ) -> Agent:
     """A trained agent in the world that it flew in; `fly` and `Pilot` take it anywhere.
 
@@ -37,14 +38,16 @@ def load(
         planner: any planner; or the name of a file of `conf/planner`; by default that of the first job.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.)
+        transition: the kind of transition model, such as `gru`, of those that the experiment has; by default the first.
 
     Raises:
-        ConfigError: there is no such report, context size, layout, member or planner; the message says what there is.
+        ConfigError: there is no such report, context size, layout, transition model, member or planner; the message
+            says what there is.
         StoreError: the weights are damaged.
     """
     report = _report(source)
     record = manifest.read(report)
-    job = _job(record, report, context_size, layout)
+    job = _job(record, report, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
     stack = _stack(report.parent / "store" / "train", job["train"], members)
     flown = first_layout(_layout(config["control_layout"]), members[0])
@@ -111,8 +114,10 @@ def _report(source: str | Path) -> Path:
     )
 
 
-def _job(record: Mapping[str, Any], report: Path, context_size: int, layout: str | None) -> dict[str, Any]:
-    """The first setting with a context size, and a layout if one is wanted."""
+def _job(
+    record: Mapping[str, Any], report: Path, context_size: int, layout: str | None, transition: str | None
+) -> dict[str, Any]:
+    """The first setting with a context size, and a layout and a kind of transition model if they are wanted."""
     sizes = origin(report).context_sizes
     if not sizes:
         raise ConfigError(f"{report} has no models: its store, {report.parent / 'store'}, is not there.")
@@ -121,8 +126,19 @@ def _job(record: Mapping[str, Any], report: Path, context_size: int, layout: str
     layouts = list(dict.fromkeys(job["layout"] for job in record["jobs"]))
     if layout not in (None, *layouts):
         raise ConfigError(f"{report} has flights in {', '.join(layouts)}, and none in {layout!r}.")
-    jobs = [job for job in record["jobs"] if job["context_size"] == context_size]
-    return next(job for job in jobs if layout in (None, job["layout"]))
+    jobs = [job for job in record["jobs"] if job["context_size"] == context_size and layout in (None, job["layout"])]
+    kinds = [_transition(record, job) for job in jobs]
+    if transition not in (None, *kinds):
+        raise ConfigError(
+            f"{report} has transition models of the kinds {', '.join(dict.fromkeys(kinds))}; none is {transition!r}."
+        )
+    return next(job for job, kind in zip(jobs, kinds, strict=True) if transition in (None, kind))
+
+
+def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
+    """The kind of a setting's transition models."""
+    values = provenance.config_of(record, job["train"][0])["model"]
+    return ModelSettings.model_validate(values).transition.kind
 
 
 def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:

@@ -1,10 +1,11 @@
 """The numbers of models and look-ups, apart from the code that needs torch (which takes seconds to import)."""
 
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import model_validator
 
-from affmap.settings import Count, CountOrNone, NonNegative, Positive, Settings
+from affmap.model.registry import MLP_SETTINGS, AnyTransition
+from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, Settings
 
 
 class ModelSettings(Settings):
@@ -16,6 +17,14 @@ class ModelSettings(Settings):
     """Hidden units of the transition model."""
     delta_scale: Positive
     """Factor on the change of position, for inputs and predictions."""
+    transition: Annotated[AnyTransition, Neutral(MLP_SETTINGS)]
+    """The kind of transition model, a file of `conf/model/transition`."""
+
+    @property
+    def name(self) -> str:
+        """What tells it from others, in words."""
+        kind = "" if self.transition == MLP_SETTINGS else f"{self.transition.kind}, "
+        return f"{kind}context size {self.context_size}"
 
 
 class LookupSettings(Settings):

@@ -1,6 +1,6 @@
 """M members side by side: vision model and transition model, drawn from each member's own seed."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -20,11 +20,12 @@ class Stack(nn.Module):
         settings: ModelSettings,
         num_channels: int,
         seeds: Sequence[int],
-        transition: type[TransitionModel] = TransitionModel,
+        transition: Callable[..., TransitionModel] | None = None,
     ) -> None:
         """Draw the initial weights of a member for each of `seeds` (M of them); K = `num_channels`.
 
-        `transition` is the kind of transition model: the paper's, or one of your own.
+        `transition` makes a transition model of your own in the place of `settings.transition`: a class, or a function
+        with the arguments of `affmap.model.registry.TransitionSettings.make`.
         """
         super().__init__()
         self.settings = settings
@@ -32,7 +33,8 @@ class Stack(nn.Module):
         self.seeds = tuple(seeds)
         context_size = settings.context_size
         generators = [torch.Generator().manual_seed(integer(seed, "initial weights")) for seed in seeds]
-        self.transition = transition(generators, context_size, settings.hidden_size, settings.delta_scale)
+        self._make = transition or settings.transition.make
+        self.transition = self._make(generators, context_size, settings.hidden_size, settings.delta_scale)
         self.vision = VisionModel(generators, num_channels, context_size) if context_size > 0 else None
 
     @property
@@ -43,7 +45,7 @@ class Stack(nn.Module):
     def select(self, members: Sequence[int]) -> "Stack":
         """A stack of some of the members, by their places in this one."""
         seeds = [self.seeds[member] for member in members]
-        chosen = Stack(self.settings, self.num_channels, seeds, type(self.transition))
+        chosen = Stack(self.settings, self.num_channels, seeds, self._make)
         chosen.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
         return chosen.to(next(self.parameters()).device)
 

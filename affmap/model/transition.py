@@ -1,10 +1,14 @@
 """The transition model: context code, last change of position and action -> Gaussian over the next change.
 
+`TransitionModel` is what every kind has in common, `MLP` the paper's; `affmap.model.gru` holds the recurrent one.
+
 It works in scaled units on both sides (Appendix A scales its inputs; its predictions are scaled back outside), so
 that inputs and targets are of the order of 1. It knows nothing of positions, views or goals.
 """
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -14,6 +18,28 @@ from affmap.model.layers import Generators, uniform
 
 Carry = tuple[Tensor, ...]
 """Hidden state of a transition model, tensors `[M, P, hidden]`; the MLP's is empty."""
+
+StepFunction = Callable[[Carry, Tensor, Tensor, Tensor], tuple[Carry, Gaussian]]
+"""One step of M models, as `Step`: `(carry, code, delta, action) -> (carry, prediction)`."""
+
+
+class TransitionModel(nn.Module, ABC):
+    """M transition models side by side; every parameter is `[M, ...]`, and the loss is the sum over members."""
+
+    @abstractmethod
+    def initial(self, num_sequences: int = 1) -> Carry:
+        """The carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
+
+    @abstractmethod
+    def step(self) -> StepFunction:
+        """The model as a function for `[M, P, features]`; to be made anew when weights have changed."""
+
+    @abstractmethod
+    def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
+        """One-step predictions along recorded sequences.
+
+        As `step()`, for `[M, B, T, features]`; `delta` and `action` may be the same for all members, `[1, B, T, ...]`.
+        """
 
 
 class Step:
@@ -45,7 +71,7 @@ class Step:
         return carry, Gaussian(mean.mT, log_std.mT)
 
 
-class TransitionModel(nn.Module):
+class MLP(TransitionModel):
     """M multilayer perceptrons side by side (Section 4.2: the hidden state of the paper is dropped)."""
 
     def __init__(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> None:
@@ -69,7 +95,7 @@ class TransitionModel(nn.Module):
         self.output_shift: Tensor
 
     def initial(self, num_sequences: int = 1) -> Carry:
-        """The carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
+        """No carry: there is no hidden state."""
         return ()
 
     def step(self) -> Step:
@@ -83,9 +109,8 @@ class TransitionModel(nn.Module):
         return Step(hidden, (self.output_weight * (2 * self.output_factor)).mT, bias[..., None])
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
-        """One-step predictions along recorded sequences.
+        """See `TransitionModel.unroll`.
 
-        As `Step`, for `[M, B, T, features]`; `delta` and `action` may be the same for all members, `[1, B, T, ...]`.
         Without a hidden state the steps do not depend on each other, and all are computed at once.
         """
         parts = (part.expand(len(code), -1, -1, -1).flatten(1, 2) for part in (code, delta, action))

@@ -73,8 +73,13 @@ def _values(sweep: Sweep) -> list[dict[str, Value]]:
         whole = all(isinstance(value, float) and value.is_integer() for value in values)  # 10 rather than 10.0
         for each, value in zip(every, values, strict=True):
             assert value is not None
-            each[key] = int(value) if whole else value
+            each[_dotted(key)] = int(value) if whole else value
     return every
+
+
+def _dotted(key: str) -> str:
+    """A key of the command line as a key of the configuration: Hydra names the group of a part `model/transition`."""
+    return key.replace("/", ".")
 
 
 def _distinct(settings: Sequence[Setting]) -> tuple[Setting, ...]:
@@ -88,8 +93,8 @@ def _distinct(settings: Sequence[Setting]) -> tuple[Setting, ...]:
 
 
 def _value(config: Config, key: str) -> Value | None:
-    """The value of a dotted key; the name or kind of a group that has one, None for other groups."""
-    values = leaves(config.complete())
+    """The value of a key; the name or kind of a group that has one, None for other groups."""
+    values, key = leaves(config.complete()), _dotted(key)
     value = next((values[name] for name in (key, f"{key}.name", f"{key}.kind") if name in values), None)
     if isinstance(value, list):
         return " + ".join(str(each.get("name", each)) if isinstance(each, dict) else str(each) for each in value)

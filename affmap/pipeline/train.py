@@ -19,7 +19,7 @@ def make_models(config: Config, data: Path, attempt: Attempt) -> None:
     batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
     num_trials = config.training.num_trials
     trials = f"{num_trials} trials of " if num_trials else ""
-    description = f"training of {trials}{config.members} members, context size {config.model.context_size}"
+    description = f"training of {trials}{config.members} members, {config.model.name}"
     with track(description, config.training.num_epochs, "epochs", attempt.progress) as update:
         fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, update, _board(config))
 

@@ -34,7 +34,7 @@ PLANNERS = {
 
 
 def short_name(kind: str) -> str:
-    """The abbreviation of a planner (`conf/report/default.yaml`): the paper's EB and GB, or its kind."""
+    """The abbreviation of a planner or model (`conf/report/default.yaml`): the paper's EB and GB, MLP, or its kind."""
     names: Mapping[str, str] = read("report", "default")["names"]
     return names.get(kind, kind)
 
@@ -149,7 +149,7 @@ class ReportSettings(Settings):
     color: Annotated[Line | None, Neutral(None), Field(exclude=True)]
     """The grouping variable shown by colour; None for whatever else is varied."""
     names: Mapping[Line, Line] = Field(exclude=True)
-    """Planner or layout -> its name for readers; others keep their own."""
+    """Planner, layout or model -> its name for readers; others keep their own."""
     paper_figures: Annotated[Mapping[Line, Count], Neutral({}), Field(exclude=True)]
     """Figure of the report -> number of the corresponding figure in the paper."""
     outcome: Literal["mean_distance", "success"] = Field(exclude=True)

@@ -17,14 +17,14 @@ from affmap.compiled.layout import NUM_TAPS, Layout, Parameters, layout
 from affmap.compiled.samples import Samples, samples
 from affmap.data.batches import Batch
 from affmap.model.stack import Stack, readable
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 from affmap.model.vision import sizes
 from affmap.training.settings import PerTrial
 
 
 def usable(stack: Stack) -> bool:
     """Whether compiled loops are switched on, and made for such a stack: the paper's models, on a CPU."""
-    return type(stack.transition) is TransitionModel and readable(stack.parameters()) and compiled.enabled()
+    return type(stack.transition) is MLP and readable(stack.parameters()) and compiled.enabled()
 
 
 def losses(stack: Stack, batch: Batch) -> Tensor:
@@ -76,6 +76,7 @@ def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_nor
 def _parameters(stack: Stack) -> Sequence[Tensor]:
     """In the order of `Parameters`."""
     transition, vision = stack.transition, stack.vision
+    assert isinstance(transition, MLP)
     parameters = [transition.hidden_weight, transition.output_weight, transition.output_bias]
     if vision is not None:
         parameters += [vision.conv1_weight, vision.conv1_bias, vision.conv2_weight, vision.conv2_bias]

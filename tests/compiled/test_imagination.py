@@ -15,7 +15,7 @@ from affmap.env.layout import Layout
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 from affmap.planning.objective import expected_free_energy
 
 WORLD = Layout.load("layout", "original").map
@@ -247,7 +247,7 @@ def test_problems_alone() -> None:
         assert torch.equal(alone.objective(begin, goal[here], std[here], 1.0)(actions[here])[0], together[b])
 
 
-class _Own(TransitionModel):
+class _Own(MLP):
     """Somebody's model, which may compute anything."""
 
 

@@ -3,6 +3,7 @@
 import math
 import shutil
 from collections.abc import Iterator
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,12 +28,15 @@ from affmap.settings import ConfigError, folder, read
 from affmap.training.settings import TrainingSettings
 
 CONF = folder()
-GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout"))
+NESTED = ["model/transition"]
+"""Groups of what a part of another group is made of; other folders in those of groups hold more of their options."""
+GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout")) + NESTED
 LAYOUTS = sorted(path.stem for path in (CONF / "layout").glob("*.yaml"))
 OPTIONS = [
     (group, str(path.relative_to(CONF / group).with_suffix("")))
     for group in GROUPS
     for path in sorted((CONF / group).rglob("*.yaml"))
+    if path.parent == CONF / group or str(path.parent.relative_to(CONF)) not in NESTED
 ]
 Values = dict[str, Any]
 
@@ -58,7 +62,11 @@ def by_hand(**options: str) -> Values:
             for key, value in content(path).items():
                 root[key] = {**root[key], **value} if isinstance(root.get(key), dict) else value
         else:
-            root[group] = {key: value for base in _bases(path) for key, value in base.items()}
+            *parents, last = group.split("/")
+            target = root
+            for parent in parents:
+                target = target[parent]
+            target[last] = {key: value for base in _bases(path) for key, value in base.items()}
     root["output"] = root["output"].replace("${name}", root["name"])
     root["training_layouts"] = [name.replace("${world}", root["world"]) for name in root["training_layouts"]]
     for key in ("control_layout", "map_layout"):
@@ -75,7 +83,7 @@ def _bases(path: Path) -> list[Values]:
 
 def checked(values: Values, **changes: Any) -> Config:
     """Settings from plain values; keys of changes with `__` for the dots."""
-    values = {key: dict(value) if isinstance(value, dict) else value for key, value in values.items()}
+    values = deepcopy(values)
     for key, value in changes.items():
         *parents, last = key.split("__")
         target = values
@@ -190,6 +198,13 @@ BAD: list[tuple[str, Any, str]] = [
     ("model.hidden_size", 0, "greater than 0"),
     ("model.delta_scale", 0.0, "greater than 0"),
     ("model.contextsize", 8, "not a known key"),
+    (
+        "model.transition",
+        "gru",
+        "it should be the keys of a file of conf/model/transition; to choose one, say model/tr",
+    ),
+    ("model.transition.kind", "lstm", "it should be 'gru' or 'mlp'"),
+    ("model.transition.layers", 2, "not a known key"),
     ("training.num_epochs", 0, "greater than 0"),
     ("training.batch_size", 0, "greater than 0"),
     ("training.chunk_length", 0, "greater than 0"),
@@ -293,7 +308,7 @@ def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     assert keys - listed - free - physics == set()
 
 
-NEUTRAL = {"report": {"x", "color", "paper_figures"}}
+NEUTRAL = {"report": {"x", "color", "paper_figures"}, "model": {"transition"}}
 """Keys that may be missing, which says the same as their neutral value."""
 
 
@@ -403,6 +418,8 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("members", 24, "train map control"),
     ("model.context_size", 5, "train map control"),
     ("model.delta_scale", 1.0, "train map control"),
+    ("model.transition", {"kind": "mlp"}, ""),
+    ("model.transition", {"kind": "gru"}, "train map control"),
     ("training.num_epochs", 49, "train map control"),
     ("training.vision_lr", 0.001, "train map control"),
     ("training.vision_lr", [0.00075], "train map control"),

@@ -14,7 +14,7 @@ from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.transition import Carry, TransitionModel
+from affmap.model.transition import MLP, Carry
 from affmap.model.windows import take_apart
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
@@ -102,7 +102,7 @@ def test_the_first_action_of_the_plan_is_executed_and_states_are_handed_on() -> 
     assert state.planner == 8 and planner.states == [(B, "cpu"), (7, streams)]
 
 
-class Counting(TransitionModel):
+class Counting(MLP):
     """A recurrent model that counts the steps, and expects to move as far."""
 
     def initial(self, num_sequences: int = 1) -> Carry:

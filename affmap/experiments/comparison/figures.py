@@ -54,7 +54,7 @@ def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Pa
         figure.suptitle(compared, x=0.01, ha="left", fontsize=8)
         handles, settings = axes[count - 1].get_legend_handles_labels()
         if len(settings) > 1:
-            columns = max(1, min(len(settings), LEGEND_WIDTH // (max(map(len, settings)) + 6)))
+            columns = max(1, min(len(settings), LEGEND_WIDTH // (max(map(len, settings)) + 10)))
             figure.legend(handles, settings, loc="outside lower center", ncols=columns, frameon=False)
         save(figure, path, notice)
 

@@ -232,4 +232,4 @@ def markdown(table: pd.DataFrame, key: str) -> str:
 
 def format_value(value: float | str) -> str:
     """A value of the compared key, as tables and figures show it."""
-    return value if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"
+    return short_name(value) if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"

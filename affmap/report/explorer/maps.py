@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.image import imsave
 
-from affmap.report.drawing.colors import readable
+from affmap.report.drawing.colors import name_of, readable
 from affmap.report.packing import pack
 from affmap.report.painted import Painted, map_size, paint, painted
 from affmap.report.player.runs import CODE, describe
@@ -45,6 +45,10 @@ def _differ(parts: Sequence[Painted], factor: Factor) -> bool:
     return len({part.setting.values[factor.key] for part in parts}) > 1
 
 
+def _name(factor: Factor, part: Painted, settings: ReportSettings) -> str:
+    return name_of(factor, part.setting.values[factor.key], settings)
+
+
 def _map(part: Painted, colors: Floats, factors: Sequence[Factor], settings: ReportSettings) -> dict[str, Any]:
     """A map of the first member: its picture `[Y, X, 3]`, and the codes at every so many nodes."""
     axes = np.array([(nodes[0], nodes[-1], nodes[1] - nodes[0]) for nodes in (part.maps.x, part.maps.y)])
@@ -55,7 +59,7 @@ def _map(part: Painted, colors: Floats, factors: Sequence[Factor], settings: Rep
     imsave(picture, colors, origin="lower", format="png", metadata=unsigned)
     return {
         "choice": [
-            ", ".join([readable(part.world.name, settings), *(f.format(part.setting.values[f.key]) for f in factors)]),
+            ", ".join([readable(part.world.name, settings), *(_name(f, part, settings) for f in factors)]),
             str(part.setting.context_size),
         ],
         "world": describe(part.world, part.radius),
