@@ -3,6 +3,11 @@
 Each member is trained as if it were alone: the loss is the mean over the batch and the sum over members, and
 gradients are clipped by norms per member and sub-model. So trials of other learning rates can stand side by side, too.
 Knows nothing of worlds and planners.
+
+Errors are propagated back through a chunk of a sequence, 50 steps. A hidden state goes on to the next chunk without its
+gradient, and is reset where new sequences begin. The paper resets it "every 7 batches": its 300 steps have 301 sensor
+readings, which probably make 7 chunks of 50, the last one short; here they make 6. Counting to 7 all the same would
+carry the state of one sequence into another.
 """
 
 from collections.abc import Sequence

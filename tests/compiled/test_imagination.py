@@ -290,12 +290,15 @@ def test_many_candidates_with_exact_look_ups_are_left_to_pytorch() -> None:
     assert gradient.abs().max() > 0
 
 
-@pytest.mark.parametrize("kind", ["another model", "no vision model", "float64"])
+@pytest.mark.parametrize("kind", ["another model", "a hidden state", "no vision model", "float64"])
 def test_other_models_look_ups_and_numbers_are_left_to_pytorch(kind: str) -> None:
     stack = make_stack(3)
     lookup: AffordanceMap | ExactLookup = make_map(stack)
     if kind == "another model":
         stack = Stack(stack.settings, WORLD.num_channels, SEEDS, _Own)
+    elif kind == "a hidden state":
+        gru = ModelSettings.load("model", "default", context_size=3, transition={"kind": "gru"})
+        stack = Stack(gru, WORLD.num_channels, SEEDS).requires_grad_(False)
     elif kind == "no vision model":
         stack = make_stack(0)
         lookup = ExactLookup(stack, [WORLD])
