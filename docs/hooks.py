@@ -6,6 +6,7 @@ A line `{{ what arguments }}` of a page becomes
 |---|---|
 | `{{ table exp1/tables/claims.md }}` | a table of `runs/reference`; with ` | text`, its rows that contain the text |
 | `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
+| `{{ readme Glossary }}` | a section of the README, with its links to places of the site |
 
 Blocks of ```` ```math ```` and `` $`...`$ `` are LaTeX and become MathML, which browsers draw without help. Figures and
 reports of `runs/reference` are part of the site as `reference/...`, notebooks and the reports of experiments are pages.
@@ -28,6 +29,15 @@ from pygments.formatters import HtmlFormatter
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "runs/reference"
+
+README = ROOT / "README.md"
+PLACES = {
+    r"docs/(.+?)": r"\1",
+    r"notebooks/(\w+)\.ipynb": r"notebooks/\1.md",
+    r"runs/reference/(\w+)/report\.md": r"experiments/\1.md",
+    r"runs/reference/(.+?)": r"reference/\1",
+}
+"""Links of the README -> where the site has the same."""
 
 ROOMS = sorted(path.parent.name for path in (ROOT / "affmap/experiments").glob("*/page.md"))
 """Experiments whose published reports are pages of the site."""
@@ -104,6 +114,17 @@ def source(name: str, *texts: str) -> str:
     return f"`{module.replace('.', '/')}.py`, `{path}`:\n\n```python\n{code}```"
 
 
+def readme(heading: str) -> str:
+    """The text below a heading of the README; for pages in the folder `docs` itself."""
+    found = re.search(rf"^## {re.escape(heading)}\n(.+?)(?=^## |\Z)", README.read_text("utf-8"), re.M | re.S)
+    if not found:
+        raise ValueError(f"README.md has no heading {heading}.")
+    text = found[1].strip()
+    for pattern, place in PLACES.items():
+        text = re.sub(rf"\]\({pattern}\)", rf"]({place})", text)
+    return text
+
+
 def _split(name: str) -> tuple[str, str]:
     """A dotted name as that of its module and the rest."""
     parts = name.split(".")
@@ -125,4 +146,4 @@ def _notebook(path: Path) -> Iterator[str]:
                 yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
 
 
-MACROS: dict[str, Callable[..., str]] = {"table": table, "source": source}
+MACROS: dict[str, Callable[..., str]] = {"table": table, "source": source, "readme": readme}
