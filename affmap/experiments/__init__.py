@@ -14,7 +14,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from affmap.report import figures
 from affmap.report.experiment import PARTS, Room
 from affmap.results.claims import Claim
 
@@ -46,10 +45,9 @@ def open_room(experiment: str, claims: str | None) -> Room:
         return Room(claims_about(claims))
     page = folder / "page.md"
     package = f"{__name__}.{experiment}.figures"
-    own = figures.figures_of(import_module(package)) if find_spec(package) else {}
     return Room(
         claims_about(claims),
         page if page.is_file() else default.page,
         (folder, PARTS),
-        {**default.figures, **own},
+        [*default.figures, *([package] if find_spec(package) else [])],
     )

@@ -3,20 +3,13 @@
 The same stages give the same bytes.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from affmap.report import build, figures, page
-from affmap.report.content import Content, claim_rows, claims_markdown
-from affmap.report.explorer.maps import explorer
-from affmap.report.figures import Draw
-from affmap.report.markdown import fill
-from affmap.report.player.runs import player
 from affmap.results import provenance
 from affmap.results.claims import Claim, Score
-from affmap.results.scores import as_table, medians, score
 from affmap.results.setting import ReportSettings
 from affmap.results.tables import Results, write_csv, write_runs
 
@@ -36,8 +29,8 @@ class Room:
     """The page, see `affmap.report.markdown`."""
     folders: Sequence[Path] = (PARTS,)
     """Where the page includes texts from."""
-    figures: Mapping[str, Draw] = field(default_factory=lambda: figures.figures_of(figures))
-    """Name -> figure, of all that are drawn."""
+    figures: Sequence[str] = ("affmap.report.figures",)
+    """Packages whose figures are drawn, see `affmap.report.figures`."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +76,13 @@ class ExperimentReport:
 
     def draw(self) -> None:
         """See `build.Report`."""
+        from affmap.report import figures, page  # drawing takes seconds to import
+        from affmap.report.content import Content
+        from affmap.report.explorer.maps import explorer
+        from affmap.report.markdown import fill
+        from affmap.report.player.runs import player
+        from affmap.results.scores import score
+
         results, settings = self.results, self.settings
         scores = score(results, self.room.claims)
         self._write_tables(scores)
@@ -93,6 +93,10 @@ class ExperimentReport:
         page.write(self.output, text, self.notice, {name: widget for name, widget in widgets.items() if widget})
 
     def _write_tables(self, scores: Sequence[Score]) -> None:
+        from affmap.report.build import write_text
+        from affmap.report.content import claim_rows, claims_markdown
+        from affmap.results.scores import as_table, medians
+
         folder, results = self.output / "tables", self.results
         write_runs(folder, self.name, results.runs)
         write_csv(folder / "validation.csv", results.validation)
@@ -102,4 +106,4 @@ class ExperimentReport:
         write_csv(folder / "medians.csv", medians(results, self.settings))
         if scores:
             write_csv(folder / "claims.csv", as_table(scores))
-            build.write_text(folder / "claims.md", claims_markdown(claim_rows(scores)))
+            write_text(folder / "claims.md", claims_markdown(claim_rows(scores)))

@@ -311,7 +311,7 @@ def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     """One layout has all context sizes, the other only the smallest."""
     jobs = [job for job in results["exp5"].settings if job.layout == "procedural_easy" or job.context_size == 0]
     part = Results(tuple(jobs))
-    draws = figures.figures_of(figures)
+    draws = figures.figures_of(figures.__name__)
     drawn = {name: draw(part, SETTINGS) for name, draw in draws.items()}
     assert {name for name, each in drawn.items() if each} == draws.keys() - {"growth"}
     assert "(C) Prediction error in control, 8 runs a box" in drawn["results"].caption

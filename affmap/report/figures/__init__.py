@@ -1,10 +1,9 @@
 """The figures of an experiment's report, a file each: its `draw` selects, draws and captions the figure of its name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from types import ModuleType
 
 import matplotlib as mpl
 
@@ -20,20 +19,20 @@ Draw = Callable[[Results, ReportSettings], Drawn | None]
 """Draws and captions a figure; None where results have nothing to show in it."""
 
 
-def figures_of(package: ModuleType) -> dict[str, Draw]:
+def figures_of(package: str) -> dict[str, Draw]:
     """Name -> figure, of all files of a package."""
-    names = [found.name for found in iter_modules(package.__path__)]
-    return {name: import_module(f"{package.__name__}.{name}").draw for name in names}
+    names = [module.name for module in iter_modules(import_module(package).__path__)]
+    return {name: import_module(f"{package}.{name}").draw for name in names}
 
 
 def draw_all(
-    draws: Mapping[str, Draw], results: Results, settings: ReportSettings, folder: Path, notice: str | None
+    packages: Iterable[str], results: Results, settings: ReportSettings, folder: Path, notice: str | None
 ) -> dict[str, str]:
-    """Save every figure that the results allow as PNG, PDF and SVG in `folder`; returns name -> caption."""
+    """Save every figure of some packages that the results allow, as PNG, PDF and SVG in `folder`; name -> caption."""
     folder.mkdir(parents=True, exist_ok=True)
     captions = {}
     with mpl.rc_context(STYLE):
-        for name, draw in draws.items():
+        for name, draw in [item for package in packages for item in figures_of(package).items()]:
             if drawn := draw(results, settings):
                 save(drawn.figure, folder / name, notice)
                 save_svg(drawn.figure, folder / f"{name}.svg")
