@@ -71,8 +71,9 @@ class Found(HTMLParser):
 def test_the_site_builds_whole(site: Path) -> None:
     """Every page of the navigation; nothing is loaded from elsewhere; links and pictures are there and described."""
     pages = {path: Found(path) for path in site.rglob("*.html") if path.name != "404.html"}
+    rooms = [path.parent.name for path in (ROOT / "affmap/experiments").glob("*/page.md")]
     navigation = re.findall(r": (\S+)\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), flags=re.M)
-    navigation += [f"experiments/{path.parent.name}" for path in (ROOT / "affmap/experiments").glob("*/page.md")]
+    navigation += [f"experiments/{room}" for room in rooms]
     assert sorted(navigation) == sorted(path.relative_to(site).with_suffix("").as_posix() for path in pages)
     for path, found in pages.items():
         inside = [link for link in found.loaded if not link.startswith("data:")]
@@ -127,7 +128,11 @@ def test_pictures_are_small() -> None:
     assert sum(path.stat().st_size for path in pictures) < 3_000_000
 
 
-PAGES = [DOCS / "quickstart.md", *sorted(DOCS.glob("howto/*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    *(DOCS / f"{name}.md" for name in ("quickstart", "configuration", "environment")),
+    *sorted(DOCS.glob("howto/*.md")),
+]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -20,7 +20,7 @@ def test_every_effect_can_be_told_from_the_others() -> None:
 
 
 def test_a_line_makes_a_new_force(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the README says: it can be laid out, it pulls, and pictures and legends show it."""
+    """As docs/configuration.md says: it can be laid out, it pulls, and pictures and legends show it."""
     wind = Effect("blows to the left", "#123456", (-1.0, 0.0))
     monkeypatch.setitem(EFFECTS, "wind", wind)
     monkeypatch.setitem(PULLS, "wind", wind.pull)
