@@ -64,9 +64,7 @@ class GRUSettings(Settings):
 
 def _choose(values: Any) -> Any:
     if isinstance(values, str):
-        raise ValueError(
-            f"should be the keys of a file of conf/model/transition; to choose one, say model/transition={values}"
-        )
+        raise ValueError("should be the keys of a file of conf/model/transition; choose one by model/transition=gru")
     return _registry.choose(values)
 
 

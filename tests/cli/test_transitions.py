@@ -117,3 +117,17 @@ def test_a_model_too_large_for_any_machine_is_refused(tmp_path: Path) -> None:
     jobs(tmp_path, "model/transition=mlp", *large)
     with pytest.raises(ConfigError, match=r"model.hidden_size = 200000: the models would take .* GiB"):
         jobs(tmp_path, "model/transition=gru", *large)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("model=typo", r"Available options in 'model': default\.$"),
+        ("model/transition=typo", r"Available options in 'model/transition': gru mlp\.$"),
+        ("model.transition=gru", "choose one by model/transition=gru"),
+    ],
+)
+def test_a_mistake_in_the_choice_is_told_with_the_options(tmp_path: Path, wrong: str, message: str) -> None:
+    """Golden parts: the files of a group inside another are no options of that one."""
+    with pytest.raises(ConfigError, match=message):
+        jobs(tmp_path, wrong)

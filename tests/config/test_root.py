@@ -201,7 +201,7 @@ BAD: list[tuple[str, Any, str]] = [
     (
         "model.transition",
         "gru",
-        "it should be the keys of a file of conf/model/transition; to choose one, say model/tr",
+        "it should be the keys of a file of conf/model/transition; choose one by model/tr",
     ),
     ("model.transition.kind", "lstm", "it should be 'gru' or 'mlp'"),
     ("model.transition.layers", 2, "not a known key"),
