@@ -131,6 +131,14 @@ def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> Non
     assert said in page("docs/results.md")
 
 
+def test_the_readme_s_shares_with_former_readings_are_those_of_the_lab_log() -> None:
+    """With the largest context; the lab log names the commit whose tables have them."""
+    rows = re.findall(
+        r"^\| success, (?:easy|hard) worlds \|.* (\d+ %) \|$", (ROOT / "docs/lablog.md").read_text("utf-8"), re.M
+    )
+    assert len(rows) == 2 and f"With the former readings {' and '.join(rows)} succeed" in page("README.md")
+
+
 def test_the_page_on_results_says_what_the_searches_found() -> None:
     """Trials in the order of their scores; the first trial has the paper's values."""
     said = page("docs/results.md")
