@@ -37,24 +37,12 @@ def effect(outcome: Outcome, unit: str) -> str:
     return f"{size} {unit}" if outcome.low is None else f"{size} [{', '.join(ends)}] {unit}"
 
 
-def _by_verdict(scores: Sequence[Score]) -> dict[Verdict, list[str]]:
-    """Verdict -> names of the claims that have it."""
-    return {verdict: [score.claim.name for score in scores if score.verdict == verdict] for verdict in _COUNTS}
-
-
-def verdicts(scores: Sequence[Score]) -> str:
-    """Which claims hold, which do not, and which are not decided; what there is none of is left out."""
-    found = _by_verdict(scores).items()
-    return "; ".join(f"{', '.join(names)} {_COUNTS[verdict][len(names) > 1]}" for verdict, names in found if names)
-
-
 def verdict_count(scores: Sequence[Score]) -> str:
     """How many claims hold, do not hold, and are not decided, with their names; kinds without a claim are left out."""
-    parts = [
-        f"{len(names)} {_COUNTS[verdict][len(names) > 1]} ({', '.join(names)})"
-        for verdict, names in _by_verdict(scores).items()
-        if names
-    ]
+    parts = []
+    for verdict, verbs in _COUNTS.items():
+        if names := [score.claim.name for score in scores if score.verdict == verdict]:
+            parts.append(f"{len(names)} {verbs[len(names) > 1]} ({', '.join(names)})")
     return f"Of {len(scores)} claims, {listed(parts)}."
 
 

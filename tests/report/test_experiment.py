@@ -336,11 +336,9 @@ def test_captions_and_counts_state_the_verdicts_of_the_data(write_stages: WriteS
     results = Results(tuple(write_stages(tmp_path, (0, 1, 8), members=6)))
     names = ", ".join(f"I-{number}" for number in range(1, 9))
     scores = score(results, claims_about("exp1"))
-    assert sentences.verdicts(scores) == f"{names} hold"
     assert f"8 hold ({names})" in sentences.verdict_count(scores)
     results.last_epoch["validation_nll"] *= -1
     scores = score(results, claims_about("exp1"))
-    assert sentences.verdicts(scores).endswith("; I-1 does not hold")
     assert "1 does not hold (I-1)" in sentences.verdict_count(scores)
 
 
