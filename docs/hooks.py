@@ -39,8 +39,12 @@ PLACES = {
 }
 """Links of the README -> where the site has the same."""
 
-ROOMS = sorted(path.parent.name for path in (ROOT / "affmap/experiments").glob("*/page.md"))
-"""Experiments whose published reports are pages of the site."""
+ROOMS = sorted(
+    path.parent.name
+    for path in (ROOT / "affmap/experiments").glob("*/page.md")
+    if (REFERENCE / path.parent.name / "report.md").is_file()
+)
+"""Experiments with a page of their own and a published report, which is a page of the site."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:

@@ -8,7 +8,7 @@ from affmap.results.tables import Results
 
 def content_of(results: Results, settings: ReportSettings) -> Content:
     """What a page can say of results without claims and figures."""
-    return Content("Title", None, results, (), settings, {}, {})
+    return Content("Title", None, results, (), settings, (), {}, {})
 
 
 def table_of(markdown: str) -> tuple[list[str], list[list[str]]]:

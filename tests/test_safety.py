@@ -267,7 +267,7 @@ def test_text_of_others_is_text_in_reports(tmp_path: Path) -> None:
         }
         results: Any = SimpleNamespace(x=CONTEXT_SIZE, color=PLANNER)
         settings = ReportSettings.load("report", "default")
-        content = Content(text, text, results, (), settings, {"one": text}, {**record, "report": text})
+        content = Content(text, text, results, (), settings, ["one"], {"one": text}, {**record, "report": text})
         parts = [f"# {content.title()}", content.notice(), content.player(), f"## {escape(text)}", escape(text)]
         parts += [bullets([escape(text)]), content.figure("one"), content.origins(), content.stages()]
         widget = {"data": {"text": text}, "caption": text, "legend": [("disc", "red", text)]}

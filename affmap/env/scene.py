@@ -89,13 +89,15 @@ class Scene(NamedTuple):
         """Shapes, from the lowest to the highest."""
         parts = self.std, self.candidates, self.past, self.action
         std, candidates, past, action = (() if part is None else part for part in parts)
-        path = [] if self.path is None else [point for point in self.path if np.isfinite(point).all()]
+        known = [] if self.path is None else [step for step, point in enumerate(self.path) if np.isfinite(point).all()]
+        path = [] if self.path is None else [*self.path[known]]
+        deviations = [std[step] for step in known] if len(std) else []
         here, size = self.position, {name: layer.size for name, layer in LAYERS.items()}
         rim, full = self.radius, self.radius + size["throttles"] * np.asarray(action, float)
         shapes: dict[str, list[tuple[Any, ...]]] = {
             "view": [(here + size["view"] * SQUARE,)] if self.view else [],
             "candidates": [([here, *candidate],) for candidate in candidates],
-            "uncertainty": [(point, size["uncertainty"] * each) for point, each in zip(path, std, strict=False)],
+            "uncertainty": [(point, size["uncertainty"] * each) for point, each in zip(path, deviations, strict=False)],
             "past": [(past,)],
             "start": [] if self.start is None else [(self.start + size["start"] * SQUARE,)],
             "plan": [(path if self.in_fog else [here, *path],)],

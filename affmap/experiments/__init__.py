@@ -16,20 +16,24 @@ from pathlib import Path
 
 from affmap.report.experiment import PARTS, Room
 from affmap.results.claims import Claim
+from affmap.settings import ConfigError
 
 __all__ = ["ROOMS", "claims_about", "open_room"]
 
 _HERE = Path(__file__).parent
 
 ROOMS = tuple(sorted(path.parent.name for path in _HERE.glob("*/claims.py")))
-"""The experiments that have claims."""
+"""The rooms that have claims."""
 
 
 def claims_about(experiment: str | None) -> tuple[Claim, ...]:
     """The claims about an experiment; none about None."""
     if experiment is None:
         return ()
-    claims: tuple[Claim, ...] = import_module(f"{__name__}.{experiment}.claims").CLAIMS
+    module = import_module(f"{__name__}.{experiment}.claims")
+    claims: tuple[Claim, ...] | None = getattr(module, "CLAIMS", None)
+    if claims is None:
+        raise ConfigError(f"{module.__file__} should have CLAIMS, a tuple of affmap.results.claims.Claim.")
     return claims
 
 
@@ -41,7 +45,7 @@ def open_room(experiment: str, claims: str | None) -> Room:
         claims: the experiment whose claims are tested, or None.
     """
     folder, default = _HERE / experiment, Room()
-    if experiment not in ROOMS:
+    if not folder.is_dir():
         return Room(claims_about(claims))
     page = folder / "page.md"
     package = f"{__name__}.{experiment}.figures"

@@ -1,6 +1,6 @@
 """The directives of an experiment's page: results, tests and their origin as Markdown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from affmap.results.numbers import NOTHING, number, p_value, span
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings
 from affmap.results.statistics import LEVEL
 from affmap.results.tables import Results
+from affmap.settings import ConfigError
 
 DEVIATIONS = Path(__file__).parent / "deviations.md"
 """Differences from the paper, with placeholders for values of the configuration."""
@@ -36,6 +37,8 @@ class Content:
     results: Results
     scores: Sequence[Score]
     settings: ReportSettings
+    figures: Collection[str]
+    """Names of all figures, drawn or not."""
     captions: Mapping[str, str]
     """Name of a figure -> its caption, of those that were drawn."""
     record: Mapping[str, Any]
@@ -97,6 +100,8 @@ class Content:
 
     def figure(self, name: str) -> str:
         """The figure of a name with its caption."""
+        if name not in self.figures:
+            raise ConfigError(f"there is no figure {name!r}; there are: {', '.join(sorted(self.figures))}.")
         if name not in self.captions:
             return ""
         return f"![{name}]({self.folder}/{name}.png)\n\n*{escape(self.captions[name])}*"
@@ -134,12 +139,17 @@ class Content:
         if last["world"].nunique() == 2:  # a world, and all of it
             last = last[last["world"] == EVERYWHERE]
             keys.remove("world")
+        labels = {factor.column: factor.label for factor in (results.x, results.color)}
         rows = []
         for names, group in last.groupby(keys, sort=False):
             centers = group.groupby(factor.column)[["median", "mean"]].median().reindex(values)
             cells = [f"{number(row['median'])}, {number(row['mean'])}" for _, row in centers.iterrows()]
             rows.append([*(readable(str(name), settings) for name in names), span(group["steps"]), *cells])
-        heads = [*(key.capitalize() for key in keys), "Steps", *(name_of(factor, value, settings) for value in values)]
+        heads = [
+            *(labels.get(key, key).capitalize() for key in keys),
+            "Steps",
+            *(name_of(factor, value, settings) for value in values),
+        ]
         return text_table(heads, rows)
 
     def uncertain(self) -> str:

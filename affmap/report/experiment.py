@@ -87,7 +87,8 @@ class ExperimentReport:
         scores = score(results, self.room.claims)
         self._write_tables(scores)
         drawn = figures.draw_all(self.room.figures, results, settings, self.output / "figures", self.notice)
-        content = Content(self.title, self.notice, results, scores, settings, drawn, self.record)
+        known = figures.figures_of(*self.room.figures)
+        content = Content(self.title, self.notice, results, scores, settings, known, drawn, self.record)
         widgets = {"player": player(results, settings), "explorer": explorer(results, settings)}
         text = fill(self.room.page, content, self.room.folders)
         page.write(self.output, text, self.notice, {name: widget for name, widget in widgets.items() if widget})

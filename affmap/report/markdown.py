@@ -1,7 +1,8 @@
 """Pages as text: Markdown in which `{{ name argument }}` stands for a part of a report, and the building blocks of it.
 
-A directive is a method of the page's content. `{{ include name }}` is another text; it is left out where each line of
-it that is a directive has nothing to show, so that a heading and its explanation come and go with their table.
+A directive is a method of the page's content. `{{ include name }}` is another text; it is left out where all
+of its directives that stand in a line of their own have nothing to show, so that a heading and its explanation come and
+go with their table.
 """
 
 import re
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from affmap.settings import ConfigError
 
-_DIRECTIVE = re.compile(r"\{\{ (\w+)(?: ([\w/]+))? \}\}")
+_DIRECTIVE = re.compile(r"\{\{(.*?)\}\}")
 _SPECIAL = re.compile(r"[\\`*_{}\[\]#]")
 _ENTITIES = {"&": "&amp;", "<": "&lt;", ">": "&gt;", "|": "&#124;"}
 
@@ -30,24 +31,32 @@ def fill(path: Path, content: object, folders: Sequence[Path]) -> str:
     Raises:
         ConfigError: a directive or a text is not known.
     """
-    return re.sub(r"\n{3,}", "\n\n", _fill(path, content, folders)).strip() + "\n"
+    return re.sub(r"\n{3,}", "\n\n", _fill(path, content, folders)[0]).strip() + "\n"
 
 
-def _fill(path: Path, content: object, folders: Sequence[Path], lines: list[str] | None = None) -> str:
-    """A text with its directives filled; `lines` receives the values of those that are a line, but for includes."""
+def _fill(
+    path: Path, content: object, folders: Sequence[Path], parents: tuple[Path, ...] = ()
+) -> tuple[str, list[str]]:
+    """A text with its directives filled, and the values of those that are a line, included texts' as well."""
+    if path in parents:
+        raise ConfigError(f"{path} includes itself, by way of {', '.join(each.name for each in parents)}.")
+    shown: list[str] = []
 
     def value(directive: re.Match[str]) -> str:
-        name, argument = directive.groups()
+        if not (parts := re.fullmatch(r" (\w+)(?: ([\w/]+))? ", directive[1])):
+            raise ConfigError(f"{path}: {directive[0]} cannot be read; write {{{{ name }}}} or {{{{ name word }}}}.")
+        name, argument = parts.groups()
         if name == "include":
-            text = _include(path, argument, content, folders)
-        else:
-            text = _call(path, directive[0], content, name, argument)
+            text, values = _include(path, argument, content, folders, parents)
+            shown.extend(values)
+            return text.strip()
+        text = _call(path, directive[0], content, name, argument)
         before, after = directive.string[: directive.start()], directive.string[directive.end() :]
-        if lines is not None and name != "include" and before[-1:] in ("", "\n") and after[:1] in ("", "\n"):
-            lines.append(text)
+        if before[-1:] in ("", "\n") and after[:1] in ("", "\n"):
+            shown.append(text)
         return text.strip()
 
-    return _DIRECTIVE.sub(value, path.read_text("utf-8"))
+    return _DIRECTIVE.sub(value, path.read_text("utf-8")), shown
 
 
 def _call(path: Path, directive: str, content: object, name: str, argument: str | None) -> str:
@@ -55,25 +64,30 @@ def _call(path: Path, directive: str, content: object, name: str, argument: str 
         each for each in dir(content) if not each.startswith("_") and isfunction(getattr(type(content), each, 0))
     ]
     if name not in methods:
-        raise ConfigError(f"{path}: {directive} is no directive; there are: include, {', '.join(methods)}.")
+        raise ConfigError(f"{path}: {directive} is not a directive; choose one of: include, {', '.join(methods)}.")
     method: Callable[..., str] = getattr(content, name)
+    parameters = list(signature(method).parameters)
+    if len(parameters) != (argument is not None):
+        remedy = " ".join([name, *parameters])
+        raise ConfigError(
+            f"{path}: {directive} needs {'an argument' if parameters else 'no argument'}; write {{{{ {remedy} }}}}."
+        )
     try:
-        bound = signature(method).bind(*filter(None, [argument]))
-    except TypeError:
-        wants = ", ".join(signature(method).parameters) or "nothing"
-        raise ConfigError(f"{path}: {directive} should have {wants} after the name {name!r}.") from None
-    return method(*bound.args)
+        return method(argument) if argument is not None else method()
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {directive}: {error}") from None
 
 
-def _include(path: Path, name: str | None, content: object, folders: Sequence[Path]) -> str:
-    """Another text, filled; empty where it has lines that are directives, and all of them are empty."""
+def _include(
+    path: Path, name: str | None, content: object, folders: Sequence[Path], parents: tuple[Path, ...]
+) -> tuple[str, list[str]]:
+    """Another text, filled, and its values; the text is empty where it has values, and all of them are empty."""
     files = [folder / f"{name}.md" for folder in folders]
     file = next((file for file in files if file.is_file()), None)
     if file is None:
         raise ConfigError(f"{path}: there is no text {name!r} to include; looked for {', '.join(map(str, files))}.")
-    lines: list[str] = []
-    text = _fill(file, content, folders, lines)
-    return text if any(lines) or not lines else ""
+    text, shown = _fill(file, content, folders, (*parents, path))
+    return text if any(shown) or not shown else "", shown
 
 
 def escape(text: str) -> str:

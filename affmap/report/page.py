@@ -10,6 +10,7 @@ import json
 import os
 import re
 import struct
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -48,9 +49,10 @@ def write(output: Path, text: str, notice: str | None, widgets: Widgets) -> None
         notice: a warning that heads every page of the PDF, or None.
         widgets: what HTML shows in the places of comments.
     """
+    printed, shown = pdf(output, text, notice), html(output, text, widgets)
     (output / "report.md").write_text(text, "utf-8", newline="\n")
-    (output / "report.pdf").write_bytes(pdf(output, text, notice))
-    (output / "report.html").write_text(html(output, text, widgets), "utf-8", newline="\n")
+    (output / "report.pdf").write_bytes(printed)
+    (output / "report.html").write_text(shown, "utf-8", newline="\n")
 
 
 def parse(text: str) -> list[Node]:
@@ -67,6 +69,12 @@ def parse(text: str) -> list[Node]:
             image, caption = parts.pop()["parts"][0], part["parts"][0]
             part = {"kind": "figure", "text": "", "source": image["source"], "parts": caption["parts"]}
         parts.append(part)
+    anchors: Counter[str] = Counter()
+    for part in parts:
+        if part["kind"] == "heading":
+            anchor = re.sub(r"\W+", "-", f"part {plain(part['parts']).lower()}").strip("-")
+            anchors[anchor] += 1
+            part["anchor"] = anchor if anchors[anchor] == 1 else f"{anchor}-{anchors[anchor]}"
     return parts
 
 
@@ -138,7 +146,7 @@ def html(output: Path, text: str, widgets: Widgets) -> str:
     frame: Mapping[str, Any] = {
         "title": _title(parts),
         "head": _html(output, parts[:start], widgets),
-        "contents": [(_anchor(part), plain(part["parts"])) for part in parts if part.get("level") == 2],
+        "contents": [(part["anchor"], plain(part["parts"])) for part in parts if part.get("level") == 2],
         "body": _html(output, parts[start:], widgets),
         "style": Markup((_HERE / "layout.css").read_text("utf-8")),
         "script": Markup(script()),
@@ -191,8 +199,10 @@ def _html(output: Path, parts: Iterable[Node], widgets: Widgets) -> Markup:
                 return escape(part["text"])
             case "softbreak":
                 return Markup("\n")
+            case "hardbreak" | "hr" as kind:
+                return Markup("<br>\n" if kind == "hardbreak" else "<hr>\n")
             case "heading":
-                return tag(f"h{part['level']}", part, ' id="{anchor}"', anchor=_anchor(part)) + "\n"
+                return tag(f"h{part['level']}", part, ' id="{anchor}"', anchor=part["anchor"]) + "\n"
             case "alert":
                 return tag("p", part, ' class="alert"') + "\n"
             case "link":
@@ -216,15 +226,12 @@ def _html(output: Path, parts: Iterable[Node], widgets: Widgets) -> Markup:
                 name = part["name"]
                 found = widgets.get(name)
                 return Markup(_templates().get_template(f"{name}/{name}.html").render(found) if found else "")
+            case "image":
+                return Markup("<em>{}</em>").format(part["text"])  # only figures stand by themselves
             case kind:
                 return tag(_TAGS[kind], part) + ("" if kind in ("strong", "em", "code_inline") else "\n")
 
     return Markup().join(map(one, parts))
-
-
-def _anchor(heading: Node) -> str:
-    words = re.sub(r"\W+", "-", plain(heading["parts"]).lower()).strip("-")
-    return f"part-{words}"
 
 
 def _title(parts: Iterable[Node]) -> str:

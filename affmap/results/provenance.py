@@ -147,6 +147,7 @@ def setting_of(differs: dict[str, Any], factors: Sequence[Factor] = ()) -> str:
     """A short description of a stage by its main differences from the first of its kind."""
     names = {factor.key: factor.label for factor in factors} | {
         "model.context_size": "context size",
+        "model.transition.kind": "transition",
         "agent.kind": "agent",
         "planner.kind": "planner",
         "lookup.spacing": "look-up",

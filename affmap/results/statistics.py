@@ -9,13 +9,14 @@ where there is too little to test: then a note says what is missing. No function
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from affmap.lazy import stats
 from affmap.results.metrics import Statistic
+from affmap.settings import ConfigError
 
 LEVEL = 0.05
 """One-sided level of every test."""
@@ -26,6 +27,12 @@ MIN_MEMBERS = 5
 Direction = Literal["falls", "rises"]
 Order = Literal["lower", "higher"]
 Scores = NDArray[np.floating]
+
+
+def _check(value: str, values: Sequence[str]) -> None:
+    """Make sure of a word of a claim: another one would turn its test around."""
+    if value not in values:
+        raise ConfigError(f"a test cannot be of {value!r}; choose one of: {', '.join(values)}.")
 
 
 class Verdict(StrEnum):
@@ -68,6 +75,7 @@ def trend(scores: ArrayLike, direction: Direction, statistic: Statistic = "mean"
     Returns:
         The outcome; its effect is last setting minus first, whatever the direction.
     """
+    _check(direction, get_args(Direction))
     matrix = np.asarray(scores, dtype=float)
     if matrix.ndim != 2 or matrix.shape[1] < 2:
         return undecided("Page's trend test", len(matrix), "needs at least two settings")
@@ -97,6 +105,7 @@ def paired(first: ArrayLike, second: ArrayLike, order: Order, statistic: Statist
     Returns:
         The outcome; its effect is first minus second, so its sign is the claim's where the claim is right.
     """
+    _check(order, get_args(Order))
     return _signed_rank(np.asarray(first, dtype=float) - np.asarray(second, dtype=float), order, statistic)
 
 

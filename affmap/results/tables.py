@@ -34,6 +34,7 @@ from affmap.results.setting import (
     Factor,
     Setting,
 )
+from affmap.settings import ConfigError
 from affmap.store.provenance import canonical
 
 
@@ -240,6 +241,8 @@ def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("co
 
     A member that lacks a setting, or a number in one of its runs, has NaN there: no run is dropped silently.
     """
+    if lacking := [column for column in (metric, *columns) if column not in table]:
+        raise ConfigError(f"the runs have no column {lacking[0]!r}; they have {', '.join(map(str, table.columns))}.")
     means = table.groupby(["member", *columns])[metric].agg(lambda scores: scores.astype(float).mean(skipna=False))
     return means.unstack(list(columns)).sort_index(axis=1)
 

@@ -74,10 +74,13 @@ def test_an_included_text_goes_with_what_it_is_about(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{{ amount }}", r"\{\{ amount \}\} is no directive; there are: include, number, twice"),
-        ("{{ nothing }}", "is no directive"),
-        ("{{ number 5 }}", r"should have nothing after the name 'number'"),
-        ("{{ twice }}", "should have word after the name 'twice'"),
+        ("{{ amount }}", r"\{\{ amount \}\} is not a directive; choose one of: include, number, twice"),
+        ("{{ nothing }}", "is not a directive"),
+        ("{{ number 5 }}", r"needs no argument; write \{\{ number \}\}"),
+        ("{{ twice }}", r"needs an argument; write \{\{ twice word \}\}"),
+        ("{{number}}", r"\{\{number\}\} cannot be read; write \{\{ name \}\}"),
+        ("{{ twice a b }}", "cannot be read"),
+        ("{{ include page }}", "includes itself"),
         ("{{ include other }}", "there is no text 'other' to include; looked for .*other.md"),
     ],
 )

@@ -15,7 +15,7 @@ import pandas as pd
 from affmap.report import build, page, sentences
 from affmap.report.content import Content, alert, claim_rows, claims_markdown, claims_table, deviations, origins
 from affmap.report.experiment import PARTS, Room
-from affmap.report.figures import CAPTIONS
+from affmap.report.figures import CAPTIONS, figures_of
 from affmap.report.markdown import bullets, escape, fill, text_table
 from affmap.results import manifest, provenance
 from affmap.results.claims import Score
@@ -161,7 +161,10 @@ class PaperContent:
     def _chapter(self, chapter: Chapter, scores: Sequence[Score]) -> str:
         folder = Path(os.path.relpath(chapter.output / "figures", self.report.output)).as_posix()
         captions = json.loads((chapter.output / "figures" / CAPTIONS).read_text("utf-8"))
-        about = Content(chapter.title, chapter.missing, chapter.results, scores, chapter.settings, captions, {}, folder)
+        known = figures_of(*chapter.room.figures)
+        about = Content(
+            chapter.title, chapter.missing, chapter.results, scores, chapter.settings, known, captions, {}, folder
+        )
         return fill(_HERE / "chapter.md", about, chapter.room.folders)
 
     def deviations(self) -> str:

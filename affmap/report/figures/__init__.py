@@ -10,6 +10,7 @@ import matplotlib as mpl
 from affmap.report.drawing.files import STYLE, Drawn, save, save_svg
 from affmap.results.setting import ReportSettings
 from affmap.results.tables import Results
+from affmap.settings import ConfigError
 from affmap.store.files import write_json
 
 CAPTIONS = "captions.json"
@@ -19,10 +20,17 @@ Draw = Callable[[Results, ReportSettings], Drawn | None]
 """Draws and captions a figure; None where results have nothing to show in it."""
 
 
-def figures_of(package: str) -> dict[str, Draw]:
-    """Name -> figure, of all files of a package."""
-    names = [module.name for module in iter_modules(import_module(package).__path__)]
-    return {name: import_module(f"{package}.{name}").draw for name in names}
+def figures_of(*packages: str) -> dict[str, Draw]:
+    """Name -> figure, of all files of some packages.
+
+    Raises:
+        ConfigError: a file draws none.
+    """
+    folders = [(package, import_module(package).__path__) for package in packages]
+    modules = [import_module(f"{package}.{each.name}") for package, paths in folders for each in iter_modules(paths)]
+    if lacking := [str(module.__file__) for module in modules if not hasattr(module, "draw")]:
+        raise ConfigError(f"{lacking[0]} should have a function draw(results, settings), which draws its figure.")
+    return {module.__name__.rpartition(".")[2]: module.draw for module in modules}
 
 
 def draw_all(
@@ -32,7 +40,7 @@ def draw_all(
     folder.mkdir(parents=True, exist_ok=True)
     captions = {}
     with mpl.rc_context(STYLE):
-        for name, draw in [item for package in packages for item in figures_of(package).items()]:
+        for name, draw in figures_of(*packages).items():
             if drawn := draw(results, settings):
                 save(drawn.figure, folder / name, notice)
                 save_svg(drawn.figure, folder / f"{name}.svg")
