@@ -1,6 +1,6 @@
 """Experiments and other kinds of reports, a folder each.
 
-The folder of an experiment, its room, has the name of its file in `conf/experiment`. Whatever it holds is found there:
+The folder of an experiment, its room, is named after its file in `conf/experiment`, and its contents are found there:
 
 | file | what it is |
 |---|---|
@@ -27,7 +27,7 @@ ROOMS = tuple(sorted(path.parent.name for path in _HERE.glob("*/claims.py")))
 
 
 def claims_about(experiment: str | None) -> tuple[Claim, ...]:
-    """The claims about an experiment; none about None."""
+    """Claims about an experiment; empty for None."""
     if experiment is None:
         return ()
     module = import_module(f"{__name__}.{experiment}.claims")
@@ -38,7 +38,7 @@ def claims_about(experiment: str | None) -> tuple[Claim, ...]:
 
 
 def open_room(experiment: str, claims: str | None) -> Room:
-    """What an experiment brings to its report.
+    """Collect an experiment's claims, texts and figures for its report.
 
     Args:
         experiment: its name; it may have no folder.

@@ -40,18 +40,18 @@ class GRU(TransitionModel):
         self.hidden_size, self.delta_scale = hidden_size, delta_scale
 
     def initial(self, num_sequences: int = 1) -> Carry:
-        """See `TransitionModel.initial`: zeros."""
+        """Initial carry of zeros, see `TransitionModel.initial`."""
         return (self.input_bias.new_zeros(len(self.input_bias), num_sequences, self.hidden_size),)
 
     def step(self) -> "Step":
-        """See `TransitionModel.step`."""
+        """Step function with the present weights, see `TransitionModel.step`."""
         return Step(self)
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
-        """See `TransitionModel.unroll`.
+        """Predict along recorded sequences, see `TransitionModel.unroll`.
 
-        Only the hidden state has to go from step to step: the products of all inputs, and all predictions, are computed
-        at once.
+        Only the hidden state is computed step by step; the products of all inputs and all predictions are computed at
+        once.
         """
         step, (num_members, *shape, _) = self.step(), code.shape
         parts = (part.expand(num_members, -1, -1, -1).transpose(1, 2).flatten(1, 2) for part in (code, delta, action))
@@ -66,7 +66,7 @@ class GRU(TransitionModel):
 
 
 class Step:
-    """One step of M gated recurrent units, as a function with the weights that they have now."""
+    """One step of M gated recurrent units, as a function with fixed weights."""
 
     def __init__(self, model: GRU) -> None:
         """Arrange the weights: r and z in one product, all constants in the biases."""
@@ -97,12 +97,12 @@ class Step:
         )
 
     def update(self, hidden: Tensor, gates: Tensor, new: Tensor) -> Tensor:
-        """The next hidden state, `[M, P, hidden]`, from the last one and what `inputs` returned."""
+        """Next hidden state, `[M, P, hidden]`, from the last one and the result of `inputs`."""
         r, z = torch.baddbmm(gates, hidden, self._gates_hidden).sigmoid().chunk(2, dim=-1)
         n = torch.addcmul(new, r, torch.baddbmm(self._reset_bias, hidden, self._new_hidden)).tanh()
         return torch.lerp(n, hidden, z)
 
     def predict(self, hidden: Tensor) -> Gaussian:
-        """The prediction from hidden states `[M, P, hidden]`: a Gaussian of `[M, P, 2]`, u/step."""
+        """Prediction from hidden states `[M, P, hidden]`: a Gaussian of `[M, P, 2]`, u/step."""
         mean, log_std = self._output(hidden).chunk(2, dim=-1)
         return Gaussian(mean / self._scale, log_std - math.log(self._scale))

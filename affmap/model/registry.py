@@ -1,4 +1,4 @@
-"""The transition models that a configuration can name: those of this folder, and whatever else is registered."""
+"""Registry of the transition models that a configuration can name: those of this folder and those of others."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ register = _registry.register
 
 
 class TransitionSettings(Protocol):
-    """The settings of a kind of transition model, a file of `conf/model/transition`."""
+    """Settings of a kind of transition model, a file of `conf/model/transition`."""
 
     kind: str
     """Its name in configurations and tables."""
@@ -43,7 +43,7 @@ class MLPSettings(Settings):
     kind: Literal["mlp"]
 
     def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
-        """See `TransitionSettings.make`."""
+        """Draw the initial weights, see `TransitionSettings.make`."""
         from affmap.model.transition import MLP
 
         return MLP(generators, context_size, hidden_size, delta_scale)
@@ -56,7 +56,7 @@ class GRUSettings(Settings):
     kind: Literal["gru"]
 
     def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
-        """See `TransitionSettings.make`."""
+        """Draw the initial weights, see `TransitionSettings.make`."""
         from affmap.model.gru import GRU
 
         return GRU(generators, context_size, hidden_size, delta_scale)
@@ -69,7 +69,7 @@ def _choose(values: Any) -> Any:
 
 
 AnyTransition = Annotated[TransitionSettings, PlainValidator(_choose)]
-"""A file of `conf/model/transition`; its `kind` tells which."""
+"""Settings from a file of `conf/model/transition`, distinguished by `kind`."""
 
 MLP_SETTINGS = MLPSettings(kind="mlp")
-"""The transition model of all configurations that were written before there were others."""
+"""Default transition model, also of all configurations that predate the others."""

@@ -1,4 +1,4 @@
-"""The numbers of models and look-ups, apart from the code that needs torch (which takes seconds to import)."""
+"""Settings of models and look-ups, in a module without torch, which takes seconds to import."""
 
 from typing import Annotated, Self
 
@@ -9,10 +9,10 @@ from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, 
 
 
 class ModelSettings(Settings):
-    """The architecture (`conf/model`)."""
+    """Settings of the architecture (`conf/model`)."""
 
     context_size: CountOrNone
-    """C, length of the context code; 0 is a transition model that sees nothing."""
+    """C, length of the context code; 0 is a transition model without vision."""
     hidden_size: Count
     """Hidden units of the transition model."""
     delta_scale: Positive
@@ -22,13 +22,13 @@ class ModelSettings(Settings):
 
     @property
     def name(self) -> str:
-        """What tells it from others, in words."""
+        """Short description that distinguishes it from others."""
         kind = "" if self.transition == MLP_SETTINGS else f"{self.transition.kind}, "
         return f"{kind}context size {self.context_size}"
 
 
 class LookupSettings(Settings):
-    """Where planners take context codes from (`conf/lookup`)."""
+    """Settings of the look-up of context codes in planning (`conf/lookup`)."""
 
     spacing: NonNegative
     """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
@@ -44,5 +44,5 @@ class LookupSettings(Settings):
 
     @property
     def name(self) -> str:
-        """What tells it from others, in words."""
+        """Short description that distinguishes it from others."""
         return f"map of {self.spacing:g} u" if self.spacing else "exact look-ups"

@@ -24,7 +24,7 @@ class Stack(nn.Module):
     ) -> None:
         """Draw the initial weights of a member for each of `seeds` (M of them); K = `num_channels`.
 
-        `transition` makes a transition model of your own in the place of `settings.transition`: a class, or a function
+        `transition` makes a transition model of your own in place of `settings.transition`: a class, or a function
         with the arguments of `affmap.model.registry.TransitionSettings.make`.
         """
         super().__init__()
@@ -39,15 +39,15 @@ class Stack(nn.Module):
 
     @property
     def context_size(self) -> int:
-        """C, length of the context code."""
+        """Length of the context code, C."""
         return self.settings.context_size
 
     def select(self, members: Sequence[int]) -> "Stack":
-        """A stack of some of the members, by their places in this one."""
+        """Select members by their indices in this stack, as a new stack."""
         seeds = [self.seeds[member] for member in members]
-        chosen = Stack(self.settings, self.num_channels, seeds, self._make)
-        chosen.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
-        return chosen.to(next(self.parameters()).device)
+        subset = Stack(self.settings, self.num_channels, seeds, self._make)
+        subset.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
+        return subset.to(next(self.parameters()).device)
 
     def encode(self, windows: Windows) -> Tensor:
         """Context codes of views `[M or 1, ...]` (see `VisionModel.encode`): `[M, ..., C]`."""
@@ -62,5 +62,5 @@ def readable(numbers: Iterable[Tensor]) -> bool:
 
 
 def num_changes(weights: Iterable[Tensor]) -> int:
-    """A number that grows whenever weights change; inference tensors, whose changes PyTorch does not count, add 0."""
+    """Counter that grows whenever weights change; inference tensors, whose changes PyTorch does not count, add 0."""
     return sum(0 if weight.is_inference() else weight._version for weight in weights)

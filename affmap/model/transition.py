@@ -1,6 +1,6 @@
 """The transition model: context code, last change of position and action -> Gaussian over the next change.
 
-`TransitionModel` is what every kind has in common, `MLP` the paper's; `affmap.model.gru` holds the recurrent one.
+`TransitionModel` is the interface of all kinds, `MLP` the paper's model; `affmap.model.gru` holds the recurrent one.
 
 It works in scaled units on both sides (Appendix A scales its inputs; its predictions are scaled back outside), so
 that inputs and targets are of the order of 1. It knows nothing of positions, views or goals.
@@ -28,36 +28,36 @@ class TransitionModel(nn.Module, ABC):
 
     @abstractmethod
     def initial(self, num_sequences: int = 1) -> Carry:
-        """The carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
+        """Carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
 
     @abstractmethod
     def step(self) -> StepFunction:
-        """The model as a function for `[M, P, features]`; to be made anew when weights have changed."""
+        """Step function for `[M, P, features]`, with constants folded into its weights; renew it after updates."""
 
     @abstractmethod
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
-        """One-step predictions along recorded sequences.
+        """Predict one step ahead along recorded sequences.
 
         As `step()`, for `[M, B, T, features]`; `delta` and `action` may be the same for all members, `[1, B, T, ...]`.
         """
 
 
 class Step:
-    """One step of M multilayer perceptrons, as a function with the weights that they have now.
+    """One step of M multilayer perceptrons, as a function with fixed weights.
 
     The few inputs and outputs are last in the shape and first in memory: a long row for each makes the products, and
     all that follows, several times as fast. The many hidden units are last in both.
     """
 
     def __init__(self, hidden: Tensor, output: Tensor, bias: Tensor) -> None:
-        """Weights `[M, 2 + 4 + C, hidden]`, `[M, 2 + 2, hidden]` and `[M, 2 + 2, 1]`, for u/step and the sigmoid."""
+        """Take weights `[M, 2 + 4 + C, hidden]`, `[M, 2 + 2, hidden]`, `[M, 2 + 2, 1]`, for u/step and the sigmoid."""
         self.hidden, self.output, self.bias = hidden, output, bias
 
     def __call__(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
         """Predict the change of position that an action will cause.
 
         Args:
-            carry: what `initial` or the last step returned.
+            carry: the result of `initial` or of the last step.
             code: context codes `[M, P, C]`.
             delta: last changes of position `[M, P, 2]`, u/step.
             action: `[M, P, 4]`, throttles in [0, 1].
@@ -95,13 +95,13 @@ class MLP(TransitionModel):
         self.output_shift: Tensor
 
     def initial(self, num_sequences: int = 1) -> Carry:
-        """No carry: there is no hidden state."""
+        """Empty carry, because there is no hidden state."""
         return ()
 
     def step(self) -> Step:
-        """The model as a function; to be made anew when weights have changed.
+        """Step function with constants folded into its weights; renew it after updates.
 
-        All that is constant is multiplied into the weights once: the scale of inputs and outputs, and
+        All constants are multiplied into the weights once: the scale of inputs and outputs, and
         tanh(x) = 2 sigmoid(2 x) - 1, because PyTorch's sigmoid is several times as fast as its tanh on a CPU.
         """
         hidden = self.hidden_weight * self.input_factor[:, None]
@@ -109,7 +109,7 @@ class MLP(TransitionModel):
         return Step(hidden, (self.output_weight * (2 * self.output_factor)).mT, bias[..., None])
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
-        """See `TransitionModel.unroll`.
+        """Predict along recorded sequences, see `TransitionModel.unroll`.
 
         Without a hidden state the steps do not depend on each other, and all are computed at once.
         """

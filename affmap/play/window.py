@@ -1,4 +1,4 @@
-"""The command `affmap-play`: the game in a window (pygame), with a panel of what the vehicle sees and the agent is."""
+"""The command `affmap-play`: the game in a window (pygame), with a panel on the agent and its view."""
 
 import argparse
 import os
@@ -30,7 +30,7 @@ ARROWS = {
     pygame.K_UP: (0, 1),
     pygame.K_DOWN: (0, -1),
 }
-"""Key -> direction in which it pushes."""
+"""Key -> direction of the push."""
 
 HELP = "click: goal   drag a circle: move it   arrows: fly by hand   enter: the agent flies   space: pause   R: restart"
 
@@ -43,14 +43,14 @@ class Held(NamedTuple):
 
     number: int
     grip: np.ndarray
-    """`[2]`, from where it is held to its centre."""
+    """Offset `[2]` from the grip to the centre."""
     now: tuple[float, float]
-    """Where the mouse is."""
+    """Position of the mouse."""
     moved: bool = False
 
 
 class Shown(NamedTuple):
-    """What is drawn besides the vehicle and its world."""
+    """Switches for the parts of the picture besides the vehicle and its layout."""
 
     candidates: bool = True
     map: bool = True
@@ -58,7 +58,7 @@ class Shown(NamedTuple):
 
 
 class Window:
-    """Shows a game, and lets somebody play it."""
+    """Window that displays a game and takes the player's input."""
 
     def __init__(self, game: Game) -> None:
         """Open a window.
@@ -117,7 +117,7 @@ class Window:
             self._held = None
 
     def _move(self) -> None:
-        """Put the circle that is held where the mouse has carried it."""
+        """Move the held circle with the mouse."""
         if self._held is not None and self._held.moved:
             self.game.move_circle(self._held.number, (self._held.grip + self._held.now).tolist())
 
@@ -179,8 +179,8 @@ class Window:
     def _panel(self, left: int) -> None:
         game, setting = self.game, self.game.setting
         planner = PLANNERS[setting.planner].method if setting.planner in PLANNERS else setting.planner
-        flown = "by hand" if game.by_hand else "by the agent"
-        state = "paused" if self.paused else f"flown {flown}"
+        pilot = "by hand" if game.by_hand else "by the agent"
+        state = "paused" if self.paused else f"flown {pilot}"
         lines = [
             f"{state}, {game.distance:.2f} u to the goal",
             f"C   context code: {setting.context_size or 'none'}",
@@ -201,9 +201,9 @@ class Window:
             self._bars(left, top)
 
     def _view(self, left: int, top: int) -> int:
-        """A tile for each channel, side by side; returns where the next thing goes."""
+        """Draw a tile for each channel, side by side; returns the top of the next part."""
         view, names = self.game.view, self.game.layout.channels
-        self._text("what the vehicle sees", (left, top), GREY, self._small)
+        self._text("view of the vehicle", (left, top), GREY, self._small)
         side = min(110, (PANEL - 2 * MARGIN) // len(names) - 6)
         for number, (channel, name) in enumerate(zip(view, names, strict=True)):
             shades = np.where(channel[::-1].T, 60, 235).astype(np.uint8)
@@ -214,7 +214,7 @@ class Window:
         return top + side + 50
 
     def _bars(self, left: int, top: int) -> None:
-        """The context code where the vehicle is."""
+        """Draw the context code at the vehicle's position."""
         code = self.game.code
         self._text("context code there", (left, top), GREY, self._small)
         middle, half = left + 130, 90
@@ -232,7 +232,7 @@ class Window:
         self.screen.blit(font.render(text, True, color), place)
 
     def _point(self, pixel: tuple[int, int]) -> tuple[float, float]:
-        """The point of the arena under a pixel, u."""
+        """Point of the arena under a pixel, u."""
         return pixel[0] / SCALE, self.game.layout.size[1] - pixel[1] / SCALE
 
     def _in_arena(self, pixel: tuple[int, int]) -> bool:
@@ -241,7 +241,7 @@ class Window:
 
 
 def _find_screen() -> None:
-    """Make sure that somebody could see a window.
+    """Check that there is a screen for a window.
 
     Raises:
         ConfigError: there is no screen.
@@ -255,7 +255,7 @@ def _find_screen() -> None:
 
 
 def _next(options: Sequence[T], now: T) -> T:
-    """The option after the present one; the first where that is none of them."""
+    """Option after the present one; the first if the present one is not an option."""
     return options[(options.index(now) + 1) % len(options)] if now in options else options[0]
 
 
@@ -272,7 +272,7 @@ def main() -> None:
     )
     parser.add_argument("--world", help="a layout of conf/layout, by default that of the experiment")
     parser.add_argument("--context-size", type=int, help="by default the largest there is")
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run(), resumes=False)
+    command(lambda _: Window(Game(arguments.source, arguments.world, arguments.context_size)).run(), resumes=False)

@@ -27,9 +27,9 @@ DEVIATIONS = Path(__file__).parent / "deviations.md"
 
 @dataclass(frozen=True)
 class Content:
-    """What a page can say of an experiment: `{{ name argument }}` is the Markdown that the method `name` returns.
+    """Contents of an experiment's page: `{{ name argument }}` stands for the Markdown that the method `name` returns.
 
-    A method returns an empty text where the results have nothing to show.
+    A method returns an empty text if the results have nothing to show.
     """
 
     heading: str
@@ -40,11 +40,11 @@ class Content:
     figures: Collection[str]
     """Names of all figures, drawn or not."""
     captions: Mapping[str, str]
-    """Name of a figure -> its caption, of those that were drawn."""
+    """Name of a figure -> its caption, for all figures that were drawn."""
     record: Mapping[str, Any]
-    """What `provenance.summarize` returned, and the command as `report`."""
+    """Result of `provenance.summarize`, with the command as `report`."""
     folder: str = "figures"
-    """Where the figures are, seen from the page."""
+    """Folder of the figures, relative to the page."""
 
     def title(self) -> str:
         """Title of the experiment."""
@@ -55,11 +55,11 @@ class Content:
         return alert(self.warning)
 
     def verdicts(self) -> str:
-        """How many claims hold, do not hold, and are not decided."""
+        """Numbers of claims that hold, do not hold, and are not decided."""
         return escape(sentences.verdict_count(self.scores)) if self.scores else ""
 
     def summary(self) -> str:
-        """The main results, a sentence each."""
+        """Main results, one sentence each."""
         results, settings = self.results, self.settings
         return bullets(
             escape(sentence)
@@ -83,11 +83,11 @@ class Content:
         return text_table(["Stage", "Folders", "Seconds in total, all attempts together"], rows)
 
     def findings(self) -> str:
-        """The claims with their verdicts and effects, a sentence each."""
+        """Claims with their verdicts and effects, one sentence each."""
         return bullets(map(escape, sentences.findings(self.scores)))
 
     def spikes(self) -> str:
-        """How often validation losses jump."""
+        """Frequency of spikes in the validation losses."""
         return escape(sentences.spikes(self.results))
 
     def level(self) -> str:
@@ -99,7 +99,7 @@ class Content:
         return claims_table(claim_rows(self.scores)) if self.scores else ""
 
     def figure(self, name: str) -> str:
-        """The figure of a name with its caption."""
+        """Figure with its caption."""
         if name not in self.figures:
             raise ConfigError(f"there is no figure {name!r}; there are: {', '.join(sorted(self.figures))}.")
         if name not in self.captions:
@@ -107,15 +107,15 @@ class Content:
         return f"![{name}]({self.folder}/{name}.png)\n\n*{escape(self.captions[name])}*"
 
     def player(self) -> str:
-        """Runs to be played step by step, in HTML only."""
+        """Place of the player of runs, in HTML only."""
         return "<!-- player -->"
 
     def explorer(self) -> str:
-        """Affordance maps to be explored point by point, in HTML only."""
+        """Place of the explorer of affordance maps, in HTML only."""
         return "<!-- explorer -->"
 
     def medians(self) -> str:
-        """Medians and means of each setting beside the paper's axes; a star where they lie outside."""
+        """Medians and means of each setting beside the paper's axes; values outside the axes are starred."""
         results, settings = self.results, self.settings
         others = _other_factors(results)
         values = [name_of(results.x, value, settings) for value in results.x_values]
@@ -124,7 +124,7 @@ class Content:
         return text_table(heads, _median_rows(results, settings, others))
 
     def axes(self) -> str:
-        """What the axes of the paper's figures can tell; empty where they are not known."""
+        """Explanation of the paper's axes; empty if these are not known."""
         return escape(sentences.AXES) if self.settings.axes else ""
 
     def steps(self) -> str:
@@ -136,7 +136,7 @@ class Content:
         last = steps[steps["epoch"] == steps.groupby(results.trainings)["epoch"].transform("max")]
         values = list(dict.fromkeys(last[factor.column]))
         keys = [*(column for column in others if last[column].nunique() > 1), "world", "kind"]
-        if last["world"].nunique() == 2:  # a world, and all of it
+        if last["world"].nunique() == 2:  # one world, and the same steps as "everywhere"
             last = last[last["world"] == EVERYWHERE]
             keys.remove("world")
         labels = {factor.column: factor.label for factor in (results.x, results.color)}
@@ -153,25 +153,25 @@ class Content:
         return text_table(heads, rows)
 
     def uncertain(self) -> str:
-        """Predicted standard deviation above which a place is taken for fog, u."""
+        """Predicted standard deviation above which a position counts as mistaken for fog, u."""
         return f"{UNCERTAIN:g}"
 
     def halo(self) -> str:
-        """How many places outside fog are taken for fog, by context size; empty where maps show no fog."""
+        """Share of positions outside fog that models mistake for fog, by context size; empty if maps show no fog."""
         results = self.results
-        painted = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
-        layouts = {size: results.map_layout(setting) for size, setting in painted.items()}
+        settings = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
+        layouts = {size: results.map_layout(setting) for size, setting in settings.items()}
         if not any(circle.effect == "fog" for layout in layouts.values() for circle in layout.circles):
             return ""
         rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]
-        for size, setting in painted.items():
+        for size, setting in settings.items():
             place = results.deviations(setting), layouts[size], results.vehicle_radius(setting)
             for row, shares in zip(rows, (halo(*place), beyond(*place)), strict=True):
                 row.append(f"{np.mean(shares):.0%}")
-        return text_table(["Places", *(CONTEXT_SIZE.format(size) for size in painted)], rows)
+        return text_table(["Places", *(CONTEXT_SIZE.format(size) for size in settings)], rows)
 
     def baselines(self) -> str:
-        """Results of agents without a learned model in the same runs; empty where there are none."""
+        """Results of agents without a learned model on the same runs; empty if there are none."""
         runs, settings = self.results.baseline_runs, self.settings
         if runs.empty:
             return ""
@@ -185,7 +185,7 @@ class Content:
         return text_table(["Agent", "Layout", "Runs", *heads], rows)
 
     def deviations(self) -> str:
-        """Differences from the paper in what was run, and reasons."""
+        """Deviations from the paper, with reasons."""
         return deviations([self.results])
 
     def origins(self) -> str:
@@ -193,7 +193,7 @@ class Content:
         return origins([self.record], self.record["report"])
 
     def stages(self) -> str:
-        """Every stage that the results come from."""
+        """Table of all stages behind the results."""
         factors = [self.results.x, self.results.color]
         rows = [
             [
@@ -209,17 +209,22 @@ class Content:
 
 
 def alert(warning: str | None) -> str:
-    """A paragraph that a reader must not miss, or nothing."""
+    """Paragraph that stands out, empty without a warning."""
     return f"**{escape(warning)}**" if warning else ""
 
 
 def deviations(reports: Sequence[Results]) -> str:
-    """A list of differences from the paper in what was run, and of reasons."""
+    """List of deviations from the paper, with reasons."""
     return bullets(f"**{title}** {text}" for title, text in provenance.fill(DEVIATIONS.read_text("utf-8"), reports))
 
 
 def origins(records: Sequence[Mapping[str, Any]], command: str) -> str:
-    """A list of origins of results, out of what `provenance.summarize` returned; each value once."""
+    """List of the command, commits, versions and machines behind some results, each value once.
+
+    Args:
+        records: results of `provenance.summarize`.
+        command: the command that makes the report.
+    """
     lines = [("Command", command)]
     for name in ("git", "versions", "machine"):
         values = provenance.distinct([value for record in records for value in record[name]])
@@ -274,7 +279,7 @@ def claims_table(rows: Sequence[Mapping[str, str]]) -> str:
 
 
 def claims_markdown(rows: Sequence[Mapping[str, str]]) -> str:
-    """The same without details: the file `claims.md`."""
+    """Rows of claims as a Markdown table without details, for the file `claims.md`."""
     return table(list(_HEADS.values()), _cells(rows))
 
 
@@ -283,7 +288,7 @@ def _cells(rows: Sequence[Mapping[str, str]]) -> list[list[str]]:
 
 
 def _other_factors(results: Results) -> list[Factor]:
-    """Planner, layout and the colours' factor, but for the one on the x axis."""
+    """Planner, layout and the factor shown by colour, except the one on the x axis."""
     return [factor for factor in dict.fromkeys((PLANNER, LAYOUT, results.color)) if factor != results.x]
 
 

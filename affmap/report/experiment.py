@@ -1,4 +1,4 @@
-"""The report of an experiment, from completed stages: tables, figures and a page.
+"""The report of an experiment, made from completed stages: tables, figures and a page.
 
 The same stages give the same bytes.
 """
@@ -16,21 +16,21 @@ from affmap.results.tables import Results, write_csv, write_runs
 _HERE = Path(__file__).parent
 
 PARTS = _HERE / "parts"
-"""Texts that any page may include."""
+"""Folder of the texts that any page may include."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """What an experiment brings to its report; the default is that of an experiment without a folder of its own."""
+    """An experiment's own claims, texts and figures; the default is for experiments without a folder of their own."""
 
     claims: Sequence[Claim] = ()
     """Claims that are tested."""
     page: Path = _HERE / "page.md"
     """The page, see `affmap.report.markdown`."""
     folders: Sequence[Path] = (PARTS,)
-    """Where the page includes texts from."""
+    """Folders of the texts that the page includes, searched in this order."""
     figures: Sequence[str] = ("affmap.report.figures",)
-    """Packages whose figures are drawn, see `affmap.report.figures`."""
+    """Packages of the figures, see `affmap.report.figures`."""
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,21 @@ class ExperimentReport:
     results: Results
     settings: ReportSettings
     room: Room
-    """Claims, page and figures of the experiment's own."""
+    """The experiment's own claims, page and figures."""
     name: str
     """Name of the experiment."""
     title: str
     command: str
-    """The command line that gives this report."""
+    """Command line that makes this report."""
     notice: str | None
-    """A warning to the reader on every figure and page, such as that of a smoke run; or None."""
+    """Warning on every figure and page, such as that of a smoke run; or None."""
 
     def __post_init__(self) -> None:
         self.results.check_factors()  # before anything is written
 
     @property
     def record(self) -> dict[str, Any]:
-        """See `build.Report`."""
+        """Settings and provenance of the report, see `build.Report`."""
         return {
             "name": self.name,
             "title": self.title,
@@ -75,7 +75,7 @@ class ExperimentReport:
         return self.output / "report.pdf"
 
     def draw(self) -> None:
-        """See `build.Report`."""
+        """Write tables, figures and page, see `build.Report`."""
         from affmap.report import figures, page  # drawing takes seconds to import
         from affmap.report.content import Content
         from affmap.report.explorer.maps import explorer

@@ -1,8 +1,7 @@
-"""Pages as text: Markdown in which `{{ name argument }}` stands for a part of a report, and the building blocks of it.
+"""Pages as text: Markdown in which `{{ name argument }}` stands for a part of a report, and its building blocks.
 
-A directive is a method of the page's content. `{{ include name }}` is another text; it is left out where all
-of its directives that stand in a line of their own have nothing to show, so that a heading and its explanation come and
-go with their table.
+A directive is a method of the page's content. `{{ include name }}` inserts another text. That text is left out if
+all of its directives on lines of their own are empty, so a heading and its explanation come and go with their table.
 """
 
 import re
@@ -23,13 +22,13 @@ def fill(path: Path, content: object, folders: Sequence[Path]) -> str:
     Args:
         path: the page.
         content: its public methods are the directives; each returns Markdown, empty for nothing.
-        folders: where included texts are looked for, in this order.
+        folders: searched for included texts, in this order.
 
     Returns:
-        Markdown, without empty lines in a row.
+        Markdown without consecutive empty lines.
 
     Raises:
-        ConfigError: a directive or a text is not known.
+        ConfigError: a directive or an included text does not exist.
     """
     return re.sub(r"\n{3,}", "\n\n", _fill(path, content, folders)[0]).strip() + "\n"
 
@@ -37,7 +36,7 @@ def fill(path: Path, content: object, folders: Sequence[Path]) -> str:
 def _fill(
     path: Path, content: object, folders: Sequence[Path], parents: tuple[Path, ...] = ()
 ) -> tuple[str, list[str]]:
-    """A text with its directives filled, and the values of those that are a line, included texts' as well."""
+    """Fill the directives of a text; also return the values of those on lines of their own, in included texts, too."""
     if path in parents:
         raise ConfigError(f"{path} includes itself, by way of {', '.join(each.name for each in parents)}.")
     shown: list[str] = []
@@ -81,7 +80,7 @@ def _call(path: Path, directive: str, content: object, name: str, argument: str 
 def _include(
     path: Path, name: str | None, content: object, folders: Sequence[Path], parents: tuple[Path, ...]
 ) -> tuple[str, list[str]]:
-    """Another text, filled, and its values; the text is empty where it has values, and all of them are empty."""
+    """Fill an included text, and return its values; the text is empty if it has values and all of them are empty."""
     files = [folder / f"{name}.md" for folder in folders]
     file = next((file for file in files if file.is_file()), None)
     if file is None:
@@ -91,7 +90,7 @@ def _include(
 
 
 def escape(text: str) -> str:
-    """A text in a line of Markdown, none of it taken for markup."""
+    """Text as one line of Markdown, with all markup escaped."""
     marked = _SPECIAL.sub(r"\\\g<0>", " ".join(text.split()))
     for character, entity in _ENTITIES.items():
         marked = marked.replace(character, entity)
@@ -99,16 +98,16 @@ def escape(text: str) -> str:
 
 
 def bullets(items: Iterable[str]) -> str:
-    """A list of Markdown texts."""
+    """Markdown list."""
     return "\n".join(f"- {item}" for item in items)
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of Markdown cells."""
+    """Markdown table of cells in Markdown."""
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)]) + "\n"
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table whose cells are text."""
+    """Markdown table of cells in plain text."""
     return table([escape(head) for head in heads], [[escape(cell) for cell in row] for row in rows])

@@ -1,6 +1,6 @@
 """A page as PDF and HTML: one tree of Markdown, set by two layouts (`layout.typ`, `layout.html`).
 
-Both are whole in themselves: the PDF has Typst's embedded fonts, the HTML its figures, style (`layout.css`) and
+Both are self-contained: the PDF has Typst's embedded fonts, the HTML its figures, style (`layout.css`) and
 scripts, and neither needs a network.
 """
 
@@ -28,16 +28,16 @@ from affmap.results.statistics import Verdict
 _HERE = Path(__file__).parent
 
 SCRIPTS = ("tables", "player/parts", "player/moment", "player/player", "explorer/explorer")
-"""The page's scripts, in the order in which they need each other."""
+"""The page's scripts; each needs only those before it."""
 
 SHORT = 12
-"""Letters of a cell whose line is not broken."""
+"""Cells of at most so many characters are not wrapped."""
 
 Node = dict[str, Any]
-"""A part of a page: its `kind`, the `parts` that it consists of, and what else a layout needs."""
+"""A part of a page: its `kind`, its own `parts`, and further keys that a layout needs."""
 
 Widgets = Mapping[str, Mapping[str, Any]]
-"""Name of a widget, which `<name>/<name>.html` lays out -> what it shows."""
+"""Name of a widget -> variables of its template, `<name>/<name>.html`."""
 
 
 def write(output: Path, text: str, notice: str | None, widgets: Widgets) -> None:
@@ -47,7 +47,7 @@ def write(output: Path, text: str, notice: str | None, widgets: Widgets) -> None
         output: the report's folder, where the paths of figures in `text` begin.
         text: the page in Markdown, see `parse`.
         notice: a warning that heads every page of the PDF, or None.
-        widgets: what HTML shows in the places of comments.
+        widgets: inserted into the HTML in place of comments.
     """
     printed, shown = pdf(output, text, notice), html(output, text, widgets)
     (output / "report.md").write_text(text, "utf-8", newline="\n")
@@ -56,7 +56,7 @@ def write(output: Path, text: str, notice: str | None, widgets: Widgets) -> None
 
 
 def parse(text: str) -> list[Node]:
-    """The parts of a page.
+    """Parse a page into its parts.
 
     Beyond CommonMark with tables, an image with a paragraph in italics after it is a figure with its caption, a
     paragraph in bold is an alert, and a comment such as `<!-- player -->` is the place of a widget. All other HTML is
@@ -108,7 +108,7 @@ def _node(node: SyntaxTreeNode) -> Node:
 
 
 def _only(node: Node, kind: str) -> bool:
-    """Whether a node is a paragraph with a single part, which is of a kind."""
+    """Whether a node is a paragraph with a single part, of the given kind."""
     return node["kind"] == "paragraph" and [part["kind"] for part in node["parts"]] == [kind]
 
 
@@ -181,7 +181,7 @@ _TAGS = {
 
 
 def _html(output: Path, parts: Iterable[Node], widgets: Widgets) -> Markup:
-    """Set some parts, one after the other."""
+    """Set parts as HTML, one after the other."""
 
     def tag(name: str, part: Node, attributes: str = "", **values: str) -> Markup:
         inner = part["text"] if part["kind"] != "heading" and part["text"] else _html(output, part["parts"], widgets)
@@ -224,8 +224,8 @@ def _html(output: Path, parts: Iterable[Node], widgets: Widgets) -> Markup:
                 ).format(head, rows)
             case "widget":
                 name = part["name"]
-                found = widgets.get(name)
-                return Markup(_templates().get_template(f"{name}/{name}.html").render(found) if found else "")
+                widget = widgets.get(name)
+                return Markup(_templates().get_template(f"{name}/{name}.html").render(widget) if widget else "")
             case "image":
                 return Markup("<em>{}</em>").format(part["text"])  # only figures stand by themselves
             case kind:
@@ -245,19 +245,19 @@ def script() -> str:
 
 
 def policy(text: str) -> str:
-    """What a page may do: run this script, which is its own, and no other; fetch nothing."""
+    """Content security policy of a page: it may run this script and no other, and fetch nothing."""
     digest = base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
     return f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:"
 
 
 def _embedded(png: Path) -> str:
-    """A figure as an address that holds it: as SVG where there is one."""
+    """Figure as a data URL, as SVG if there is one."""
     svg = png.with_suffix(".svg")
     kind, file = ("svg+xml", svg) if svg.is_file() else ("png", png)
     return f"data:image/{kind};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
 
 
 def figure_width(png: Path) -> float:
-    """Inches; from the head of the file."""
+    """Width of a figure in inches, read from the header of its PNG."""
     (pixels,) = struct.unpack(">I", png.read_bytes()[16:20])
     return float(pixels / DPI)

@@ -1,4 +1,4 @@
-"""A report's sentences. What states a result is made from the results: no verdict and no number is written here."""
+"""Sentences of a report, generated from the results: no verdict and no number is written here."""
 
 from collections.abc import Sequence
 
@@ -15,9 +15,9 @@ from affmap.results.statistics import Outcome, Verdict
 from affmap.results.tables import Results, read_runs
 
 AXES = (
-    "The paper prints no result as text; the ticks of its figures' axes are the only numbers. What lies inside them "
-    "is consistent with the paper, not more; a star marks what lies outside. Whether the paper's likelihoods include "
-    "the constant log 2π (1.84 nats for two coordinates) is unknown; ours are the full density."
+    "The paper reports its results as figures only; the ticks of their axes are the only numbers. Values within an "
+    "axis are consistent with the paper, no more; values outside are starred. It is unknown whether the paper's "
+    "likelihoods include the constant log 2π (1.84 nats for two coordinates); ours do."
 )
 
 _COUNTS = {
@@ -25,11 +25,11 @@ _COUNTS = {
     Verdict.DOES_NOT_HOLD: ("does not hold", "do not hold"),
     Verdict.NOT_DECIDED: ("is not decided", "are not decided"),
 }
-"""What one claim does, and what several do."""
+"""Verdict -> verb phrase for one claim, and for several."""
 
 
 def effect(outcome: Outcome, unit: str) -> str:
-    """An effect with its interval and unit."""
+    """Effect with its interval and unit."""
     if outcome.effect is None:
         return NOTHING
     digits = 4 if unit == "ratio" else 2 if abs(outcome.effect) < 1000 else 0
@@ -38,7 +38,7 @@ def effect(outcome: Outcome, unit: str) -> str:
 
 
 def verdict_count(scores: Sequence[Score]) -> str:
-    """How many claims hold, do not hold, and are not decided, with their names; kinds without a claim are left out."""
+    """Numbers and names of the claims with each verdict; verdicts without a claim are left out."""
     parts = []
     for verdict, verbs in _COUNTS.items():
         if names := [score.claim.name for score in scores if score.verdict == verdict]:
@@ -47,7 +47,7 @@ def verdict_count(scores: Sequence[Score]) -> str:
 
 
 def changes(results: Results, settings: ReportSettings) -> list[str]:
-    """Typical values at either end of the x axis, a sentence per metric and value that colours tell apart."""
+    """Typical values at either end of the x axis, one sentence per metric and value shown by colour."""
     sentences = []
     for metric in ("validation_nll", "prediction_error", settings.outcome):
         trained = metric == "validation_nll"
@@ -71,7 +71,7 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
 
 
 def bounds(results: Results, settings: ReportSettings) -> list[str]:
-    """What agents without a learned model reach, a sentence for each."""
+    """Results of agents without a learned model, one sentence each."""
     runs, metric = results.baseline_runs, settings.outcome
     sentences = []
     for agent, of_agent in runs.groupby(PLANNER.column, sort=False):
@@ -85,18 +85,17 @@ def bounds(results: Results, settings: ReportSettings) -> list[str]:
 
 
 def findings(scores: Sequence[Score]) -> list[str]:
-    """What the tests say, a sentence per claim."""
+    """Verdicts of the tests with their effects, one sentence per claim."""
     sentences = []
     for score in scores:
         parts = [part for part in score.parts if part.outcome.effect is not None]
         effects = "; ".join(f"{part.name} {effect(part.outcome, part.unit)}".strip() for part in parts)
-        verb = _COUNTS[score.verdict][0]
-        sentences.append(f"{score.claim.name} {verb}: {score.claim.statement} ({effects or NOTHING})")
+        sentences.append(f"{score.claim.name}, {score.verdict}: “{score.claim.statement}” ({effects or NOTHING})")
     return sentences
 
 
 def spikes(results: Results, height: float = 2.0) -> str:
-    """How smooth the curves are: member-epochs whose validation loss stands out from their neighbours'."""
+    """Number of spikes in the curves: member-epochs whose validation loss exceeds that of their neighbours."""
     training = results.trainings
     table = results.validation.sort_values([*training, "member", "epoch"])
     around = table.groupby([*training, "member"])["validation_nll"].transform(
@@ -112,7 +111,7 @@ def spikes(results: Results, height: float = 2.0) -> str:
 
 
 def uncrossable(results: Results, settings: ReportSettings) -> list[str]:
-    """How many runs have a world without a way through, where there are any."""
+    """Number of runs in worlds without a passable route; empty if there are none."""
     blocked = results.runs[~results.runs["crossable"].astype(bool)]
     if blocked.empty:
         return []
@@ -120,22 +119,22 @@ def uncrossable(results: Results, settings: ReportSettings) -> list[str]:
     named = [f"{int(counts[layout])} ({readable(layout, settings)})" for layout in results.layouts if counts[layout]]
     share = blocked["success"].astype(bool).mean()
     return [
-        f"In {listed(named)} of {len(results.runs)} runs the world has no way from start to goal on which the vehicle "
-        "can steer freely past obstacles and fog and against the force fields. These runs are part of every number "
-        f"here, as successes or failures like all others; {share:.0%} of them succeed (a vehicle may be carried "
-        "through a field)."
+        f"In {listed(named)} of {len(results.runs)} runs the world has no route from start to goal along which the "
+        "vehicle can steer freely past obstacles and fog and against force fields. These runs are included in all "
+        f"numbers, as successes or failures like all others; {share:.0%} of them succeed (a force field may carry the "
+        "vehicle through)."
     ]
 
 
 def mixtures(results: Results, settings: ReportSettings) -> list[str]:
-    """Which properties worlds have that are drawn at random, a sentence for each such layout.
+    """Properties of the worlds that are drawn at random, one sentence per layout.
 
-    Without fog a run succeeds by arriving, so what success is where there is fog is said, too.
+    Without fog a run succeeds by arriving, so the success in worlds with fog is reported separately.
     """
     sentences = []
     for layout in results.layouts:
-        flown = results.where({LAYOUT.key: layout})
-        last = max(flown, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
+        settings_of_layout = results.where({LAYOUT.key: layout})
+        last = max(settings_of_layout, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
         worlds = results.run_layouts(last)
         if not results.has_own_layouts(last):
             continue
@@ -152,16 +151,16 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
 
 
 def remarks(scores: Sequence[Score]) -> list[str]:
-    """What must be said beside verdicts, once each."""
-    named: dict[str, list[str]] = {}
+    """Remarks on verdicts, each with the claims that it concerns."""
+    claims: dict[str, list[str]] = {}
     for score in scores:
         if score.claim.remark:
-            named.setdefault(score.claim.remark, []).append(score.claim.name)
-    return [f"On {listed(names)}: {remark}." for remark, names in named.items()]
+            claims.setdefault(score.claim.remark, []).append(score.claim.name)
+    return [f"On {listed(names)}: {remark}." for remark, names in claims.items()]
 
 
 def setting(results: Results) -> str:
-    """What was run."""
+    """Context sizes, members, epochs, layouts, planners and costs of the experiment."""
     members = results.last_epoch.groupby("context_size")["member"].nunique()
     epochs = span(results.last_epoch["epoch"].unique())
     sizes = ", ".join(map(str, results.context_sizes))
@@ -177,15 +176,13 @@ def setting(results: Results) -> str:
     return (
         f"Context sizes {sizes}; {''.join(others)}{span(members)} members each, trained for {epochs} epochs in "
         f"{_quoted(list(worlds))}; planners: {planners}; {len(results.runs)} runs of control in total, in "
-        f"{_quoted(results.layouts)}. All "
-        "stages together, those shared with other experiments included, took "
-        f"{number(seconds / 60, 1)} process minutes, all attempts together; the largest process used "
-        f"{number(memory, 0)} MiB."
+        f"{_quoted(results.layouts)}. In total, all stages took {number(seconds / 60, 1)} process minutes, including "
+        f"repeated attempts and stages shared with other experiments; the largest process used {number(memory, 0)} MiB."
     )
 
 
 def _planner(kind: str) -> str:
-    """A planner with its method."""
+    """Planner with its method."""
     return f"{short_name(kind)} ({PLANNERS[kind].method})" if kind in PLANNERS else kind
 
 

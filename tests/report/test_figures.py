@@ -198,7 +198,7 @@ def test_cells_of_a_heat_map_count_positions(world: Layout) -> None:
 
 def test_maps_of_the_same_models_share_a_basis(results: dict[str, Results]) -> None:
     """One map alone has the palette of its reachable nodes; in two worlds equal codes have equal colours."""
-    parts = painted.painted(results["exp2"], 8)
+    parts = painted.maps_of_size(results["exp2"], 8)
     alone = arena.paint([(parts[0].maps, parts[0].world)], RADIUS, 1)[0]
     codes, fit = parts[0].maps.codes[1], reachable(parts[0].maps.nodes, parts[0].world, RADIUS)
     np.testing.assert_array_equal(alone, Palette.fit(codes[fit])(codes))

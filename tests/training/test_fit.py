@@ -363,7 +363,7 @@ def test_a_kill_while_the_checkpoint_is_written_costs_an_epoch_at_most(
 
 
 @pytest.mark.parametrize("harm", [lambda content: content[:-100], lambda content: content[:900] + b"?" + content[901:]])
-def test_a_damaged_checkpoint_costs_epochs_and_nothing_else(
+def test_a_corrupted_checkpoint_costs_epochs_and_nothing_else(
     dataset: Path,
     undisturbed: Path,
     tmp_path: Path,
@@ -382,7 +382,7 @@ def test_a_damaged_checkpoint_costs_epochs_and_nothing_else(
     checkpoint.write_bytes(harm(checkpoint.read_bytes()))
     epochs: list[int] = []
     train(dataset, tmp_path, on_epoch=epochs.append)
-    assert epochs == [1, 2, 3, 4] and f"{checkpoint} is damaged; without it" in caplog.text
+    assert epochs == [1, 2, 3, 4] and f"{checkpoint} is corrupted; without it" in caplog.text
     assert_same(tmp_path, undisturbed)
 
 

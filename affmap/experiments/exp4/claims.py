@@ -55,15 +55,15 @@ def _at_least(runs: pd.DataFrame) -> Outcome:
 
 
 def _kinds(results: Results) -> list[Criterion]:
-    painted = claims.largest_maps(results)
+    maps = claims.largest_maps(results)
     pairs = {"a": ("free space", "border"), "b": ("free space", "fog"), "c": ("border", "fog")}
-    found: list[Criterion] = []
+    criteria: list[Criterion] = []
     for name, (first, second) in pairs.items():
         contrast = partial(encoding.separation, kind=first, others=[second])
         says = f"The codes of {first} and of {second} are farther apart than the codes of either scatter."
         effect_of = f"distance between {first} and {second} minus scatter of codes"
-        found += claims.encoded(painted, contrast, "higher", name, effect_of, says)
-    return found
+        criteria += claims.encoded(maps, contrast, "higher", name, effect_of, says)
+    return criteria
 
 
 REMARK = (

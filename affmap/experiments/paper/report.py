@@ -1,6 +1,6 @@
-"""The reports of all experiments of the paper -> one: what holds, what does not, and what it took.
+"""The report of all experiments of the paper: verdicts on its claims, figures and costs.
 
-It shows the figures that the experiments' own reports have drawn, and tests their claims again.
+It shows the figures of the experiments' own reports, and tests their claims again.
 """
 
 import json
@@ -41,7 +41,7 @@ class Chapter(NamedTuple):
     output: Path
     """Folder of its own report."""
     missing: str
-    """A sentence on settings that have not been run; empty where all have."""
+    """Sentence on settings that have not been run; empty if all have."""
 
 
 @dataclass(frozen=True)
@@ -56,21 +56,21 @@ class PaperReport:
     chapters: Sequence[Chapter]
     """The experiments in their order."""
     command: str
-    """The command line that gives this report."""
+    """Command line that makes this report."""
     notice: str | None
-    """A warning to the reader, or None."""
+    """Warning to the reader, or None."""
 
     def __post_init__(self) -> None:
         for chapter in self.chapters:
-            made = {record["digest"] for record in chapter.results.provenance.values()}
-            if manifest.stage_digests(chapter.output) != made:
+            digests = {record["digest"] for record in chapter.results.provenance.values()}
+            if manifest.stage_digests(chapter.output) != digests:
                 raise ConfigError(
                     f"{chapter.output} holds no report of these results; run affmap-report for them first."
                 )
 
     @property
     def record(self) -> dict[str, Any]:
-        """See `build.Report`."""
+        """Settings and provenance of all experiments, see `build.Report`."""
         experiments = {
             chapter.output.name: {
                 "title": chapter.title,
@@ -88,7 +88,7 @@ class PaperReport:
         return self.output / "report.pdf"
 
     def draw(self) -> None:
-        """See `build.Report`."""
+        """Write tables and page, see `build.Report`."""
         scores = [score(chapter.results, chapter.room.claims) for chapter in self.chapters]
         _write_tables(self.output / "tables", self.chapters, scores)
         content = PaperContent(self, scores)
@@ -101,23 +101,23 @@ class PaperContent:
 
     report: PaperReport
     scores: Sequence[Sequence[Score]]
-    """Of each chapter's claims."""
+    """Scores of each chapter's claims."""
 
     def title(self) -> str:
         """Title of the report."""
         return TITLE
 
     def notice(self) -> str:
-        """A warning to the reader, and chapters that are not complete."""
+        """Warning to the reader, and a note on incomplete chapters."""
         missing = [f"{chapter.title}: {chapter.missing}" for chapter in self.report.chapters if chapter.missing]
         return "\n\n".join(map(alert, filter(None, [self.report.notice, *missing])))
 
     def verdicts(self) -> str:
-        """How many claims hold, do not hold, and are not decided."""
+        """Numbers of claims that hold, do not hold, and are not decided."""
         return escape(sentences.verdict_count([each for some in self.scores for each in some]))
 
     def remarks(self) -> str:
-        """Choices that were made after a verdict had been seen."""
+        """Choices digests after a verdict had been seen."""
         return bullets(map(escape, sentences.remarks([each for some in self.scores for each in some])))
 
     def claims(self) -> str:
@@ -133,7 +133,7 @@ class PaperContent:
         return f"{LEVEL}"
 
     def axes(self) -> str:
-        """What the axes of the paper's figures can tell."""
+        """Explanation of the paper's axes."""
         return escape(sentences.AXES)
 
     def costs(self) -> str:
@@ -168,7 +168,7 @@ class PaperContent:
         return fill(_HERE / "chapter.md", about, chapter.room.folders)
 
     def deviations(self) -> str:
-        """Differences from the paper in what was run, and reasons."""
+        """Deviations from the paper, with reasons."""
         return deviations([chapter.results for chapter in self.report.chapters])
 
     def origins(self) -> str:
@@ -179,15 +179,15 @@ class PaperContent:
 
 def _write_tables(folder: Path, chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> None:
     tables = []
-    for chapter, found in zip(chapters, scores, strict=True):
-        table = as_table(found)
+    for chapter, chapter_scores in zip(chapters, scores, strict=True):
+        table = as_table(chapter_scores)
         table.insert(0, "experiment", chapter.output.name)
         table["missing"] = chapter.missing
         tables.append(table)
     write_csv(folder / "claims.csv", pd.concat(tables))
     rows = _rows(chapters, scores)
-    marked = [row | {"statement": row["statement"] + (" (So far.)" if row["detail"] else "")} for row in rows]
-    build.write_text(folder / "claims.md", claims_markdown(marked))
+    rows_so_far = [row | {"statement": row["statement"] + (" (So far.)" if row["detail"] else "")} for row in rows]
+    build.write_text(folder / "claims.md", claims_markdown(rows_so_far))
 
 
 def _rows(chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> list[dict[str, str]]:
@@ -196,7 +196,7 @@ def _rows(chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> lis
 
 
 def _short(item: Score, chapter: Chapter) -> dict[str, str]:
-    """A claim in a row; where it has several parts, the largest p of all is that of the whole."""
+    """Row of a claim; with several parts, its p is the largest of theirs."""
     counting = [part for part in item.parts if part.counts]
     single = counting[0] if len(counting) == 1 else None
     p = [part.outcome.p for part in counting]

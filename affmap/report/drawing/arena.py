@@ -23,16 +23,16 @@ from affmap.model.palette import Palette
 from affmap.results.files import Floats, Maps
 
 FEW = 50
-"""Positions; so few say more one by one than as a heat map."""
+"""Fewer positions than this are drawn one by one instead of as a heat map."""
 
 
 def paint(parts: Sequence[tuple[Maps, Layout]], radius: float, index: int) -> list[Floats]:
     """Colour maps of one member in a common basis, fitted to all of them: `[Y, X, 3]` each.
 
     Args:
-        parts: maps of the same models and the worlds they were painted of, or of the same world at several times.
+        parts: maps of the same models with their layouts, or of the same layout at several epochs.
         radius: of the vehicle, u.
-        index: which of the M members.
+        index: place of the member among the M.
     """
     codes = [arrays.codes[index] for arrays, _ in parts]  # [Y, X, C] each
     fit = [reachable(arrays.nodes, world, radius) for arrays, world in parts]
@@ -41,12 +41,12 @@ def paint(parts: Sequence[tuple[Maps, Layout]], radius: float, index: int) -> li
 
 
 def affordance_map(ax: Axes, colors: Floats, arrays: Maps, world: Layout) -> Axes:
-    """A painted map with the world's circles outlined.
+    """Draw a coloured map with the circles outlined.
 
     Args:
         ax: where to draw.
         colors: `[Y, X, 3]`, see `paint`.
-        arrays: the maps it was painted from, for their nodes.
+        arrays: the maps that were coloured, for their nodes.
         world: the layout.
     """
     half_x, half_y = (arrays.x[1] - arrays.x[0]) / 2, (arrays.y[1] - arrays.y[0]) / 2
@@ -73,7 +73,7 @@ def scene(ax: Axes, moment: Scene) -> Axes:
 
 
 def paint_marks(ax: Axes, marks: Iterable[Mark]) -> None:
-    """Draw shapes, from the lowest to the highest."""
+    """Draw shapes from the lowest to the highest."""
     for layer, points, radii in marks:
         look: dict[str, Any] = {"alpha": layer.opacity, "lw": layer.width, "color": layer.color, "zorder": 2}
         if radii is None and layer.width:
@@ -94,18 +94,18 @@ SIGNS: dict[str, dict[str, Any]] = {
 
 
 def handles(scenes: Sequence[Scene]) -> list[Line2D | Patch]:
-    """Legend entries for all that `scenes` show."""
-    shown = {mark.layer for scene in scenes for mark in scene.marks() if mark.layer.label}
+    """Legend entries for everything in `scenes`."""
+    layers = {mark.layer for scene in scenes for mark in scene.marks() if mark.layer.label}
     signs = [
         Line2D([], [], **{"ls": "", "color": layer.color, "label": layer.label, **SIGNS[layer.sign]})
         for layer in reversed(LAYERS.values())
-        if layer in shown
+        if layer in layers
     ]
     return signs + effect_handles(scene.layout for scene in scenes)
 
 
 def effect_handles(worlds: Iterable[Layout]) -> list[Patch]:
-    """Legend entries for the effects that occur in `worlds`; none where there are obstacles only."""
+    """Legend entries for the effects in `worlds`; none for obstacles only."""
     present = {circle.effect for world in worlds for circle in world.circles}
     if present <= {"obstacle"}:
         return []
@@ -115,7 +115,7 @@ def effect_handles(worlds: Iterable[Layout]) -> list[Patch]:
 
 
 def world_map(ax: Axes, world: Layout, radius: float) -> Axes:
-    """The layout: circles, the four start squares, and the vehicle to scale in the middle of one of them."""
+    """Draw a layout: circles, the four start squares, and the vehicle to scale in the middle of one of them."""
     paint_marks(ax, circle_marks(world))
     near = world.start_margin
     far_x, far_y = (size - world.start_margin - world.start_side for size in world.size)
@@ -129,27 +129,27 @@ def world_map(ax: Axes, world: Layout, radius: float) -> Axes:
 
 
 def visits(ax: Axes, counts: Floats, free: Floats, world: Layout) -> Axes:
-    """Visit counts of exploration on a logarithmic scale; free cells never visited are red, others white.
+    """Draw visit counts of exploration on a logarithmic scale; unvisited free cells are red, others white.
 
     Args:
         ax: where to draw.
         counts: `[Y, X]` recorded steps in each cell of 0.1 u.
-        free: `[Y, X]` can the vehicle's centre be at the cell's centre?
+        free: `[Y, X]`, whether the vehicle's centre can be at the cell's centre.
         world: the layout.
     """
     extent = (0.0, world.size[0], 0.0, world.size[1])
     unvisited = np.where((free > 0) & (counts == 0), 1.0, np.nan)
     ax.imshow(unvisited, origin="lower", extent=extent, cmap=mpl.colors.ListedColormap([LAYERS["goal"].color]))
     norm = LogNorm(vmin=1, vmax=max(2, int(counts.max())))
-    shown = np.ma.masked_less(counts, 1)
-    image = ax.imshow(shown, origin="lower", extent=extent, norm=norm, cmap="viridis", interpolation="nearest")
+    visited = np.ma.masked_less(counts, 1)
+    image = ax.imshow(visited, origin="lower", extent=extent, norm=norm, cmap="viridis", interpolation="nearest")
     ax.figure.colorbar(image, ax=ax, label=f"visits per cell of {CELL} u (steps)", shrink=0.85)
     _outlines(ax, world)
     return arena(ax, world)
 
 
 def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:
-    """How many of the positions `[N, 2]` (u) lie in each cell of a world; few positions are drawn one by one."""
+    """Draw the number of positions `[N, 2]` (u) in each cell of a layout; few positions are drawn one by one."""
     _outlines(ax, world)
     if not len(positions):
         return arena(ax, world)
@@ -159,8 +159,8 @@ def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:
     bins = [np.linspace(0, side, round(side / CELL) + 1) for side in world.size]
     counts, _ = np.histogramdd(positions, bins=bins)  # [X, Y]
     extent = (0.0, world.size[0], 0.0, world.size[1])
-    shown = np.ma.masked_less(counts.T, 1)
-    image = ax.imshow(shown, origin="lower", extent=extent, cmap="viridis_r", vmin=1, interpolation="nearest")
+    occupied = np.ma.masked_less(counts.T, 1)
+    image = ax.imshow(occupied, origin="lower", extent=extent, cmap="viridis_r", vmin=1, interpolation="nearest")
     bar = ax.figure.colorbar(image, ax=ax, shrink=0.6, label="runs")
     bar.locator = mpl.ticker.MaxNLocator(nbins=4, integer=True)
     bar.update_ticks()

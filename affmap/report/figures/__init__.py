@@ -1,4 +1,4 @@
-"""The figures of an experiment's report, a file each: its `draw` selects, draws and captions the figure of its name."""
+"""The figures of an experiment's report, one file each; its `draw` selects the data, draws and captions the figure."""
 
 from collections.abc import Callable, Iterable
 from importlib import import_module
@@ -17,11 +17,11 @@ CAPTIONS = "captions.json"
 """File beside the figures: name -> caption."""
 
 Draw = Callable[[Results, ReportSettings], Drawn | None]
-"""Draws and captions a figure; None where results have nothing to show in it."""
+"""Draws and captions a figure; returns None if the results have nothing to show in it."""
 
 
 def figures_of(*packages: str) -> dict[str, Draw]:
-    """Name -> figure, of all files of some packages.
+    """Name -> figure, for all files of some packages.
 
     Raises:
         ConfigError: a file draws none.
@@ -36,7 +36,7 @@ def figures_of(*packages: str) -> dict[str, Draw]:
 def draw_all(
     packages: Iterable[str], results: Results, settings: ReportSettings, folder: Path, notice: str | None
 ) -> dict[str, str]:
-    """Save every figure of some packages that the results allow, as PNG, PDF and SVG in `folder`; name -> caption."""
+    """Save all figures that the results allow, as PNG, PDF and SVG in `folder`; returns name -> caption."""
     folder.mkdir(parents=True, exist_ok=True)
     captions = {}
     with mpl.rc_context(STYLE):
