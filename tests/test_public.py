@@ -327,7 +327,9 @@ def test_what_is_said_about_the_worlds_of_experiment_5_is_so() -> None:
     baselines = pd.read_csv(ROOT / "runs/reference/exp5/tables/baselines.csv").query("planner == 'straight'")
     straight = [f"{100 * share:.0f} %" for share in baselines.groupby("layout")["success"].mean()]
     assert f"one that flies straight ahead ({straight[0]} and {straight[1]})" in causes
-    assert f"one that flies straight ahead ({straight[0]} and {straight[1]})" in results
+    assert f"straight ahead, which succeeds in {straight[0]} and {straight[1]} of the runs" in results
+    three, five = (percent("exp5", size, "procedural_easy", "context_size") for size in ("3", "5"))
+    assert f"{three} with three units and {five} with five" in results
     assert f"one unit does as well as 32 ({percent('exp5', '1', 'procedural_easy', 'context_size')})" in results
 
 

@@ -8,7 +8,7 @@ from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
-from affmap.results.numbers import NOTHING, listed, number, span
+from affmap.results.numbers import NOTHING, counted, listed, number, span
 from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
 from affmap.results.statistics import Outcome, Verdict
@@ -43,7 +43,7 @@ def verdict_count(scores: Sequence[Score]) -> str:
     for verdict, verbs in _COUNTS.items():
         if names := [score.claim.name for score in scores if score.verdict == verdict]:
             parts.append(f"{len(names)} {verbs[len(names) > 1]} ({', '.join(names)})")
-    return f"Of {len(scores)} claims, {listed(parts)}."
+    return f"Of {counted(len(scores), 'claim')}, {listed(parts)}."
 
 
 def changes(results: Results, settings: ReportSettings) -> list[str]:

@@ -38,6 +38,11 @@ def listed(words: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else NOTHING
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, which takes an s unless it is one."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def points(markdown: str) -> list[tuple[str, str]]:
     """The items of a Markdown list whose items begin with a bold title: title and text of each."""
     items = []

@@ -22,7 +22,7 @@ from affmap.report import build, page, sentences
 from affmap.report.drawing import files
 from affmap.report.experiment import ExperimentReport
 from affmap.results import manifest, provenance
-from affmap.results.numbers import NOTHING, listed, number, points, span
+from affmap.results.numbers import NOTHING, counted, listed, number, points, span
 from affmap.results.scores import score
 from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
@@ -415,6 +415,11 @@ def test_the_paper_refuses_figures_of_other_results(
     wrong = Chapter("Experiment I", results["exp2"], settings("exp2"), open_room("mine", None), reports["exp1"], "")
     with pytest.raises(ValueError, match="holds no report of these results"):
         PaperReport(tmp_path, [wrong], "make paper", None)
+
+
+def test_nouns_agree_with_their_numbers() -> None:
+    """By hand."""
+    assert [counted(number, "step") for number in (0, 1, 2)] == ["0 steps", "1 step", "2 steps"]
 
 
 def test_points_are_titles_and_texts() -> None:

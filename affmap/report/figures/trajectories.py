@@ -11,7 +11,7 @@ from affmap.report.drawing import arena
 from affmap.report.drawing.colors import name_of
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results import examples, failures
-from affmap.results.numbers import number
+from affmap.results.numbers import counted, number
 from affmap.results.setting import LAYOUT, PLANNER, PLANNERS, ReportSettings, Value
 from affmap.results.tables import Results
 
@@ -63,7 +63,7 @@ def _caption(results: Results, settings: ReportSettings) -> str:
             in_fog = f", is in fog in {run['steps_in_fog']}" if fog else ""
             stories.append(
                 f"{where}{value} (member {example.member}, run {example.run}): touches a "
-                f"surface in {run['steps_touching']} steps{in_fog}, {end}, mean distance "
+                f"surface in {counted(run['steps_touching'], 'step')}{in_fog}, {end}, mean distance "
                 f"{number(run['mean_distance'])} u"
             )
     noise = " Inside fog, plans start at the noisy reported position." if fog else ""
