@@ -40,7 +40,7 @@ def listed(words: Sequence[str]) -> str:
 
 def counted(number: int, noun: str) -> str:
     """A number with its noun, which takes an s unless it is one."""
-    return f"{number} {noun}{'s' * (number != 1)}"
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def points(markdown: str) -> list[tuple[str, str]]:
