@@ -24,7 +24,8 @@ def checkout(tmp_path: Path) -> Path:
     for name in ("affmap", "conf", "hydra_plugins", "docs", "notebooks"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=ignored)
     shutil.copytree(ROOT / "runs/reference", tmp_path / "runs/reference")
-    shutil.copy(ROOT / "mkdocs.yml", tmp_path)
+    for name in ("mkdocs.yml", "README.md"):
+        shutil.copy(ROOT / name, tmp_path)
     return tmp_path
 
 

@@ -122,8 +122,8 @@ def test_a_model_too_large_for_any_machine_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ("model=typo", r"Available options in 'model': default\.$"),
-        ("model/transition=typo", r"Available options in 'model/transition': gru mlp\.$"),
+        ("model=typo", r"model = 'typo' does not exist; there are: default\.$"),
+        ("model/transition=typo", r"there are: gru, mlp\.$"),
         ("model.transition=gru", "choose one by model/transition=gru"),
     ],
 )
