@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
-EXPERIMENTS := exp1 exp2 exp3 exp4 exp5
+EXPERIMENTS := $(patsubst affmap/experiments/%/claims.py,%,$(sort $(wildcard affmap/experiments/*/claims.py)))
 FACTORS := $(patsubst conf/experiment/%.yaml,%,$(sort $(wildcard conf/experiment/factors/*.yaml)))
 REPLICATIONS := $(filter-out %_growth,$(patsubst conf/experiment/%.yaml,%,$(sort $(wildcard conf/experiment/replication/*.yaml))))
 SEARCHES := training cem gradient
@@ -20,7 +20,8 @@ SEARCHES := training cem gradient
 .PHONY: help setup $(EXPERIMENTS) lookups factors $(FACTORS) replication $(REPLICATIONS) tune paper publish play bench gpu docs test slow check format clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
+	@{ $(foreach name,$(EXPERIMENTS),sed -n 's/^title: "\(.*\)"/$(name):  ## \1/p' conf/experiment/$(name).yaml;) \
+	grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST); } | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
 	@echo "Settings: SCALE=full|smoke MODELS=train|reference JOBS=<jobs at once; default: one a core> ARGS='<Hydra overrides>'"
 	@echo "          VENV=<folder> PYTHON=<interpreter, 3.11 to 3.13>"
 
@@ -35,11 +36,6 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
 	touch $@
 
-exp1:  ## Experiment I, obstacle avoidance: explore, train, control, report (SCALE=smoke: at toy size, in about a minute)
-exp2:  ## Experiment II, generalization: the models of Experiment I in two other worlds
-exp3:  ## Experiment III, behavioral relevance: obstacles of different looks, and things that mean nothing
-exp4:  ## Experiment IV, uncertainty avoidance: fog
-exp5:  ## Experiment V, disentanglement: four properties in random worlds (80 minutes)
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
 factors: $(FACTORS)  ## one factor at a time: what decides the claims that do not hold? (half an hour; after paper)
 replication: $(REPLICATIONS)  ## Experiments I, III and V with 100 fresh members: are open claims decided by more of them? (two hours)
@@ -47,7 +43,7 @@ $(EXPERIMENTS) lookups $(FACTORS) $(REPLICATIONS): $(READY)
 	$(BIN)/affmap experiment=$@ $(SETTINGS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
-paper: $(EXPERIMENTS)  ## all five experiments, what is missing of them, and one report of all: runs/paper/report.pdf
+paper: $(EXPERIMENTS)  ## all experiments with claims, what is missing of them, and one report of all: runs/paper/report.pdf
 	$(BIN)/affmap-paper $(SETTINGS)
 
 tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (minutes)

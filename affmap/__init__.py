@@ -3,8 +3,8 @@
 Axes in docstrings: M members, B problems (agents, member-major), N candidates, H planning horizon, T recorded time,
 K channels of the view, C context code. Lengths are in units (u), the arena is 3 u x 2 u; likelihoods are in nats.
 
-Importing it makes the environments known to Gymnasium (`affmap/Vehicle-v0` and one for each layout), whichever of the
-two is imported first. All else is imported on first use.
+Importing it registers the environments with Gymnasium (`affmap/Vehicle-v0` and one for each layout), whichever of the
+two is imported first. Everything else is imported on first use.
 """
 
 import os

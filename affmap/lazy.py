@@ -1,4 +1,4 @@
-"""Libraries that take seconds to import, imported on first use: settings are checked without them (leaf).
+"""Slow imports on first use only, so that settings are validated without them (leaf).
 
 `importlib.util.LazyLoader` does not serve: it puts torch into `sys.modules`, where SciPy finds it and so imports it.
 """
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 else:
 
     class _Library:
-        """Has the attributes of a module, which is imported when the first of them is asked for."""
+        """A module that is imported when its first attribute is used."""
 
         def __init__(self, name: str) -> None:
             self._name = name
 
         def __getattr__(self, attribute: str) -> Any:
             value = getattr(import_module(self._name), attribute)
-            setattr(self, attribute, value)  # found without this method from now on
+            setattr(self, attribute, value)  # bypasses this method from now on
             return value
 
     torch, stats = _Library("torch"), _Library("scipy.stats")

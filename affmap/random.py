@@ -1,6 +1,6 @@
 """Named random generators derived from one seed, so that no draw depends on another (leaf).
 
-The stream of `generator(3, "planner", 1)` is the same wherever and in whatever order it is asked for.
+The stream of `generator(3, "planner", 1)` does not depend on where or in which order it is created.
 """
 
 from zlib import crc32
@@ -14,10 +14,10 @@ def sequence(seed: int, name: str, *keys: int) -> np.random.SeedSequence:
 
 
 def generator(seed: int, name: str, *keys: int) -> np.random.Generator:
-    """A NumPy generator of its own for the thing called `name`."""
+    """A NumPy generator for the thing called `name` alone."""
     return np.random.default_rng(sequence(seed, name, *keys))
 
 
 def integer(seed: int, name: str, *keys: int) -> int:
-    """A seed of its own for a library that wants a single number (32 bits)."""
+    """A seed for the thing called `name` alone, for libraries that want a single number (32 bits)."""
     return int(sequence(seed, name, *keys).generate_state(1)[0])

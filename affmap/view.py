@@ -1,4 +1,4 @@
-"""A map and positions -> local views: the one function that environment and look-up both see the world through (leaf).
+"""Local views of a layout: the one function by which both environment and look-up see it (leaf).
 
 It works on NumPy arrays and on torch tensors alike, and knows neither physics nor models. On the CPU views are cut out
 in compiled code, elsewhere (and without numba) by the array's own library; all pixels are the same.
@@ -21,8 +21,8 @@ EXTENT = 0.5
 """Width and height of a view in u (Appendix A)."""
 
 
-class Scene(NamedTuple):
-    """A map as numbers of one precision, as the arguments of compiled code."""
+class LayoutArrays(NamedTuple):
+    """A visible layout in one precision, as arguments of compiled code."""
 
     offsets: np.ndarray
     """`[11]`, from a position to the centres of pixels, along either axis, u."""
@@ -37,8 +37,8 @@ class Scene(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Map:
-    """What can be seen of a world: painted circles, and everything outside the arena."""
+class VisibleLayout:
+    """The visible part of a layout: painted circles, and everything outside the arena."""
 
     size: tuple[float, float]
     """Width and height of the arena, u; its lower left corner is the origin."""
@@ -50,23 +50,24 @@ class Map:
     """Centre x, centre y and radius in u, and channel, of each painted circle."""
 
     @cached_property
-    def scenes(self) -> dict[np.dtype, Scene]:
-        """The same map as numbers, for positions of float32 and of float64."""
-        return {np.dtype(dtype): self._rounded(dtype) for dtype in (np.float32, np.float64)}
+    def arrays(self) -> dict[np.dtype, LayoutArrays]:
+        """The arrays of the layout for positions of float32 and of float64."""
+        return {np.dtype(dtype): self._round(dtype) for dtype in (np.float32, np.float64)}
 
-    def _rounded(self, dtype: type[np.floating]) -> Scene:
+    def _round(self, dtype: type[np.floating]) -> LayoutArrays:
         circles = np.array([(x, y, radius**2) for x, y, radius, _ in self.circles], dtype).reshape(-1, 3)
         channels = np.array([channel for *_, channel in self.circles], np.int64)
-        return Scene(_offsets(np, dtype, None), np.array(self.size, dtype), self.border_channel, circles, channels)
+        size = np.array(self.size, dtype)
+        return LayoutArrays(_offsets(np, dtype, None), size, self.border_channel, circles, channels)
 
 
-def view(world: Map, positions: Any) -> Any:
-    """Cut the square around each position out of a map (Appendix A).
+def view(layout: VisibleLayout, positions: Any) -> Any:
+    """Cut out the square around each position (Appendix A).
 
     A pixel is set where its centre lies in a painted circle or outside the arena. The vehicle itself is not drawn.
 
     Args:
-        world: the map.
+        layout: the visible layout, such as `Layout.map`.
         positions: `[..., 2]` in u, NumPy array or torch tensor of floats.
 
     Returns:
@@ -75,33 +76,33 @@ def view(world: Map, positions: Any) -> Any:
     """
     places = for_compiled(positions)
     if places is None:
-        return _draw(world, positions)
+        return _draw(layout, positions)
     from affmap.compiled.views import cut
 
-    pictures = np.empty((len(places), world.num_channels, PIXELS, PIXELS), bool)
-    cut(places, *world.scenes[places.dtype], pictures)
+    pictures = np.empty((len(places), layout.num_channels, PIXELS, PIXELS), bool)
+    cut(places, *layout.arrays[places.dtype], pictures)
     pictures = pictures.reshape(*positions.shape[:-1], *pictures.shape[1:])
     return pictures if isinstance(positions, np.ndarray) else array_namespace(positions).asarray(pictures)
 
 
-def views(worlds: Sequence[Map], positions: Any) -> Any:
-    """Views in several worlds: B maps and `positions` `[B, ..., 2]`, or a single map for all: `[B, ..., K, 11, 11]`.
+def views(layouts: Sequence[VisibleLayout], positions: Any) -> Any:
+    """Views at `positions` `[B, ..., 2]` in B layouts, or in a single one for all: `[B, ..., K, 11, 11]`.
 
     Raises:
-        ValueError: another number of maps.
+        ValueError: another number of layouts.
     """
-    if len(worlds) == 1:
-        return view(worlds[0], positions)
-    if len(worlds) != len(positions):
+    if len(layouts) == 1:
+        return view(layouts[0], positions)
+    if len(layouts) != len(positions):
         raise ValueError(
-            f"there are {len(worlds)} maps; give one, or {len(positions)}, as many as there are positions."
+            f"there are {len(layouts)} layouts; give one, or {len(positions)}, as many as there are positions."
         )
     xp = array_namespace(positions)
-    return xp.stack([view(world, of_world) for world, of_world in zip(worlds, positions, strict=True)])
+    return xp.stack([view(layout, own) for layout, own in zip(layouts, positions, strict=True)])
 
 
 def for_compiled(positions: Any) -> np.ndarray | None:
-    """Positions `[..., 2]` as compiled code takes them, `[P, 2]`; None where it does not."""
+    """Positions `[..., 2]` as an array `[P, 2]` for compiled code; None where that cannot be used."""
     if not compiled.enabled():
         return None
     if not isinstance(positions, np.ndarray):
@@ -111,7 +112,7 @@ def for_compiled(positions: Any) -> np.ndarray | None:
         positions = positions.detach().numpy()
     if positions.dtype not in (np.float32, np.float64):
         return None
-    # Code is compiled for each kind of array: let there be one.
+    # One kind of array only, since code is compiled for each kind.
     return np.asarray(positions if positions.flags.carray else positions.copy()).reshape(-1, 2)
 
 
@@ -120,19 +121,19 @@ def _offsets(xp: Any, dtype: Any, device: Any) -> Any:
     return (xp.arange(PIXELS, dtype=dtype, device=device) - PIXELS // 2) * (EXTENT / PIXELS)
 
 
-def _draw(world: Map, positions: Any) -> Any:
-    """The views as `view` returns them, by the array's own library."""
+def _draw(layout: VisibleLayout, positions: Any) -> Any:
+    """Draw views with the array's own library; see `view`."""
     xp = array_namespace(positions)
     # Positions are last while pixels are drawn: many positions make long rows, which is several times as fast.
     offsets = _offsets(xp, positions.dtype, positions.device)
     offsets = xp.reshape(offsets, (PIXELS, *[1] * (positions.ndim - 1)))
     x = positions[..., 0] + offsets  # [11, ...]
     y = (positions[..., 1] + offsets)[:, None]  # [11, 1, ...]
-    width, height = world.size
+    width, height = layout.size
     border = (x < 0) | (x > width) | (y < 0) | (y > height)  # [11, 11, ...]
-    channels = [xp.zeros_like(border) for _ in range(world.num_channels)]
-    channels[world.border_channel] = border
-    for center_x, center_y, radius, channel in world.circles:
+    channels = [xp.zeros_like(border) for _ in range(layout.num_channels)]
+    channels[layout.border_channel] = border
+    for center_x, center_y, radius, channel in layout.circles:
         # Pythagoras, arranged so that the only large arrays are of booleans.
         channels[channel] = channels[channel] | ((x - center_x) ** 2 <= radius**2 - (y - center_y) ** 2)
     picture = xp.stack(channels)  # [K, 11, 11, ...]

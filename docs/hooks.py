@@ -5,11 +5,11 @@ A line `{{ what arguments }}` of a page becomes
 | line | becomes |
 |---|---|
 | `{{ table exp1/tables/claims.md }}` | a table of `runs/reference`; with ` | text`, its rows that contain the text |
-| `{{ medians exp1 }}` | what an experiment came to, by context size |
 | `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
+| `{{ readme Glossary }}` | a section of the README, with its links to places of the site |
 
 Blocks of ```` ```math ```` and `` $`...`$ `` are LaTeX and become MathML, which browsers draw without help. Figures and
-reports of `runs/reference` are part of the site as `reference/...`, notebooks are pages.
+reports of `runs/reference` are part of the site as `reference/...`, notebooks and the reports of experiments are pages.
 """
 
 import inspect
@@ -21,7 +21,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -31,12 +30,29 @@ from pygments.formatters import HtmlFormatter
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "runs/reference"
 
-METRICS = {
-    "validation_nll": "validation loss",
-    "prediction_error": "prediction error",
-    "mean_distance": "mean distance",
-    "success": "success",
+README = ROOT / "README.md"
+PLACES = {
+    r"docs/(.+?)": r"\1",
+    r"notebooks/(\w+)\.ipynb": r"notebooks/\1.md",
+    r"runs/reference/(\w+)/report\.md": r"experiments/\1.md",
+    r"runs/reference/(.+?)": r"reference/\1",
 }
+"""Links of the README -> where the site has the same."""
+
+ROOMS = sorted(
+    path.parent.name
+    for path in (ROOT / "affmap/experiments").glob("*/page.md")
+    if (REFERENCE / path.parent.name / "report.md").is_file()
+)
+"""Experiments with a page of their own and a published report, which is a page of the site."""
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Fill the experiments into the navigation."""
+    for entry in config.nav or []:
+        if "Experiments" in entry:
+            entry["Experiments"] = [f"experiments/{name}.md" for name in ROOMS]
+    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
@@ -44,6 +60,12 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
     for path in [*REFERENCE.rglob("figures/*.png"), *REFERENCE.glob("*/report.pdf"), REFERENCE / "bench/bench.png"]:
         place = f"reference/{path.relative_to(REFERENCE).as_posix()}"
         files.append(File.generated(config, place, abs_src_path=str(path)))
+    for name in ROOMS:
+        text = (
+            (REFERENCE / name / "report.md").read_text("utf-8").replace("](figures/", f"](../reference/{name}/figures/")
+        )
+        report = f"\n[The report as PDF](../reference/{name}/report.pdf)\n"
+        files.append(File.generated(config, f"experiments/{name}.md", content=text + report))
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         files.append(File.generated(config, f"notebooks/{path.name}", abs_src_path=str(path)))
         files.append(File.generated(config, f"notebooks/{path.stem}.md", content="\n\n".join(_notebook(path))))
@@ -63,7 +85,8 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
 
 def _filled(line: re.Match[str]) -> str:
-    return MACROS[line[1]](*line[2].split(" | "))
+    macro = MACROS.get(line[1])
+    return macro(*line[2].split(" | ")) if macro else line[0]  # a directive of reports that a page shows
 
 
 def _formula(block: re.Match[str]) -> str:
@@ -77,19 +100,6 @@ def table(path: str, *texts: str) -> str:
     if not chosen:
         raise ValueError(f"{path} has no row with {', '.join(texts)}.")
     return "\n".join([head, line, *chosen])
-
-
-def medians(experiment: str) -> str:
-    """What an experiment came to: a row for each metric, planner and world, a column for each context size."""
-    found = pd.read_csv(REFERENCE / experiment / "tables/medians.csv").fillna({"planner": "", "layout": ""})
-    sizes = found["context_size"].unique()
-    rows = [["", *(f"C = {size}" for size in sizes)], ["---", *["---:"] * len(sizes)]]
-    for (metric, planner, layout), group in found.groupby(["metric", "planner", "layout"], sort=False):
-        unit, statistic = group["unit"].iloc[0], group["statistic"].iloc[0]
-        where = ", ".join(part for part in (planner, layout.replace("_", " ")) if part)
-        name = f"{statistic} {METRICS[metric]} ({unit})" + (f", {where}" if where else "")
-        rows.append([name, *(f"{value:.2f}".replace("-", "−") for value in group["center"])])
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def source(name: str, *texts: str) -> str:
@@ -106,6 +116,17 @@ def source(name: str, *texts: str) -> str:
     indent = min(len(line) - len(line.lstrip()) for line in chosen if line.strip())
     code = "".join(line[indent:] if line.strip() else line for line in chosen)
     return f"`{module.replace('.', '/')}.py`, `{path}`:\n\n```python\n{code}```"
+
+
+def readme(heading: str) -> str:
+    """The text below a heading of the README; for pages in the folder `docs` itself."""
+    found = re.search(rf"^## {re.escape(heading)}\n(.+?)(?=^## |\Z)", README.read_text("utf-8"), re.M | re.S)
+    if not found:
+        raise ValueError(f"README.md has no heading {heading}.")
+    text = found[1].strip()
+    for pattern, place in PLACES.items():
+        text = re.sub(rf"\]\({pattern}\)", rf"]({place})", text)
+    return text
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -129,4 +150,4 @@ def _notebook(path: Path) -> Iterator[str]:
                 yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
 
 
-MACROS: dict[str, Callable[..., str]] = {"table": table, "medians": medians, "source": source}
+MACROS: dict[str, Callable[..., str]] = {"table": table, "source": source, "readme": readme}

@@ -112,7 +112,7 @@ def test_ratios_are_those_of_neighbouring_times(load: Any, monkeypatch: pytest.M
     assert ours.share_of_limit == pytest.approx(10 / 100) and other.share_of_limit == pytest.approx(10 / 3 / 100)
 
 
-def test_views_and_windows_of_an_update_are_as_few_as_the_readme_says(load: Any) -> None:
+def test_views_and_windows_of_an_update_are_as_few_as_the_page_on_speed_says(load: Any) -> None:
     """Means over the batches of an epoch, to the nearest ten."""
     seen = [batch.views for batch in load("flights").batches()]
     assert {windows.ids.numel() for windows in seen} == {500}
@@ -120,9 +120,9 @@ def test_views_and_windows_of_an_update_are_as_few_as_the_readme_says(load: Any)
         round(sum(numbers) / len(seen), -1)
         for numbers in ([len(each.window_ids) for each in seen], [len(each.patch_ids) for each in seen])
     )
-    readme = FOLDER.parents[1].joinpath("README.md").read_text("utf-8").replace("\n ", "")
-    assert f"an update's 500 views hold some {views:.0f} different ones" in readme
-    assert f"made of some {windows:.0f} different windows" in readme
+    speed = " ".join(FOLDER.parents[1].joinpath("docs/speed.md").read_text("utf-8").split())
+    assert f"the 500 views of an update contain about {views:.0f} distinct ones" in speed
+    assert f"consist of about {windows:.0f} distinct windows" in speed
 
 
 def test_what_was_measured_is_drawn(load: Any) -> None:

@@ -307,20 +307,25 @@ def command(
 # fmt: off
 LINES: dict[str, list[str]] = {
     "cannot be read": [
-        "", " ", "a", "=", "==", "=value", "key=", "key==", "a=b=c", "{", "}", "[", ")", "@", "@=1", "~", "+", "++",
+        "", " ", "a", "=", "==", "=value", "key==", "a=b=c", "{", "}", "[", ")", "@", "@=1", "~", "+", "++",
         "title=[1", "title={a", "title='a", 'title="a', "title=${", "title=(", "title=a)", "title=f(x)", "title=\ud800",
         "title=\x1b[0m", "title=a\nb", "title=a\0b", "title=!!python/object/apply:os.system [id]", "title=a: b}",
         "title=" + "[" * 2000, "title=" + "[" * 2000 + "]" * 2000, "members=" + "9" * 5000, "\u202etitle=a",
         "title=${nope}", "title=${oc.env:NOPE}", "title=${title}", "title=${hydra:nope}", "title=${nope:1}",
         "title=${oc.decode:'{'}", "sweep=[1]", "title=${vehicle.nope}", "model.context_size=${model.context_size}",
-        "key=1", "model.key=1", "members@x=3", "planner@x=cem", "~hydra", "~nope", "defaults=[]", "+title=3",
-        "planner=", "planner=null", "planner=oracle", "planner=3", "planner=../cem", "planner={a: 1}", "sweep={a: 1.5}",
-        "store=???", "'",
-        "experiment=", "experiment=null", "experiment=exp99", "experiment=../exp1", "experiment=a\0b", "model=null",
-        "scale=huge", "models=steal", "lookup=/etc/passwd", "hydra/launcher=nope", "hydra=null", "hydra.mode=x",
+        "members@x=3", "planner@x=cem", "~hydra", "~nope", "+title=3", "planner=null", "planner=3", "store=???", "'",
+        "experiment=null", "experiment=a\0b", "model=null", "hydra=null", "hydra.mode=x",
         "hydra.launcher.n_jobs=zero", "hydra.job.chdir=maybe", "hydra.run.dir=${nope}", "hydra.sweep.subdir=${nope}",
         "seed=choice()", "seed=choice(", "seed=range()", "seed=range(a)", "seed=range(0,9,0)", "seed=interval(0,1)",
         "seed=int(a)", "seed=tag(a,1,2)", "seed=sort(1,a)", "seed=extend_list(1)", "seed=1,,2", "seed=,",
+    ],
+    "known key": [
+        "key=", "key=1", "model.key=1", "defaults=[]", "planner={a: 1}", "sweep={a: 1.5}",
+    ],
+    "variable of make": ["JOBS=1", "SCALE=smoke", "MODELS=reference", "ARGS="],
+    "does not exist; there are": [
+        "planner=", "planner=oracle", "planner=../cem", "experiment=", "experiment=exp99", "experiment=../exp1",
+        "scale=huge", "models=steal", "lookup=/etc/passwd", "hydra/launcher=nope",
     ],
     "jobs": [
         "seed=range(3,1)", "seed=glob(*)", "seed=range(100000)", "seed=range(1000000000)", "seed=range(0,1,0.000001)",

@@ -34,8 +34,8 @@ def gaussian_of(mean: Tensor, variance: Tensor) -> Gaussian:
 
 def gradients(value: Tensor, *variables: Tensor) -> list[Tensor]:
     """Zeros where `value` does not depend on a variable."""
-    found = torch.autograd.grad(value.sum(), variables, allow_unused=True)
-    return [torch.zeros_like(v) if g is None else g for v, g in zip(variables, found, strict=True)]
+    actual = torch.autograd.grad(value.sum(), variables, allow_unused=True)
+    return [torch.zeros_like(v) if g is None else g for v, g in zip(variables, actual, strict=True)]
 
 
 @quick
@@ -53,9 +53,9 @@ def test_entropy_is_that_of_torch_distributions(gaussian: Gaussian) -> None:
 @quick
 @given(gaussians, gaussians)
 def test_kl_is_that_of_torch_distributions(first: Gaussian, second: Gaussian) -> None:
-    found = kl(first, second)
-    torch.testing.assert_close(found, kl_divergence(normal(first), normal(second)).sum(-1))
-    assert (found >= -1e-12).all()
+    actual = kl(first, second)
+    torch.testing.assert_close(actual, kl_divergence(normal(first), normal(second)).sum(-1))
+    assert (actual >= -1e-12).all()
 
 
 @quick
@@ -80,7 +80,7 @@ def test_expected_nll_is_entropy_plus_divergence(first: Gaussian, second: Gaussi
 
 
 @pytest.mark.parametrize(
-    ("found", "expected"),
+    ("actual", "expected"),
     [
         (nll(Gaussian(torch.zeros(2), torch.zeros(2)), torch.zeros(2)), math.log(2 * math.pi)),
         (nll(Gaussian(torch.zeros(2), torch.zeros(2)), torch.tensor([3.0, 4.0])), math.log(2 * math.pi) + 12.5),
@@ -96,9 +96,9 @@ def test_expected_nll_is_entropy_plus_divergence(first: Gaussian, second: Gaussi
         ),
     ],
 )
-def test_values_worked_out_by_hand(found: Tensor, expected: float) -> None:
+def test_values_worked_out_by_hand(actual: Tensor, expected: float) -> None:
     """Closed forms with two coordinates; the last two say which way round the divergence goes."""
-    assert found.item() == pytest.approx(expected, rel=1e-6)
+    assert actual.item() == pytest.approx(expected, rel=1e-6)
 
 
 @quick
@@ -137,7 +137,7 @@ def test_any_axes_before_the_last_are_kept() -> None:
     generator = torch.Generator().manual_seed(0)
     mean, log_std, value = (torch.randn(4, 3, 2, generator=generator) for _ in range(3))
     gaussian, other = Gaussian(mean, log_std), Gaussian(value, log_std + 0.3)
-    for found, alone in (
+    for actual, alone in (
         (nll(gaussian, value), lambda b, h: nll(Gaussian(mean[b, h], log_std[b, h]), value[b, h])),
         (entropy(gaussian), lambda b, h: entropy(Gaussian(mean[b, h], log_std[b, h]))),
         (
@@ -145,7 +145,7 @@ def test_any_axes_before_the_last_are_kept() -> None:
             lambda b, h: kl(Gaussian(mean[b, h], log_std[b, h]), Gaussian(*(o[b, h] for o in other))),
         ),
     ):
-        assert found.shape == (4, 3)
+        assert actual.shape == (4, 3)
         for b in range(4):
             for h in range(3):
-                torch.testing.assert_close(found[b, h], alone(b, h))
+                torch.testing.assert_close(actual[b, h], alone(b, h))

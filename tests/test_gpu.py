@@ -50,12 +50,13 @@ def test_everything_runs_at_toy_size(
     load("gpu").main()
     checks, timings = (pd.read_csv(tmp_path / name) for name in ("checks.csv", "gpu.csv"))
     assert (checks["difference"] < [1e-6, 1e-6, 1e-12, 1e-12]).all()
-    sizes = [f"training, context size {size}" for size in SIZES for _ in range(2)]
-    works = [*sizes, "training, all context sizes", "planning", "planning", "control", "control"]
-    assert timings["work"].tolist() == [*works, *["the whole paper"] * 5]
+    sizes = [f"training, context size {size}" for size in SIZES for _ in range(3)]
+    on_both = ["planning, 2 agents", "planning, 4 agents", "control, cem", "control, gradient"]
+    works = [*sizes, "training, all context sizes", *(work for work in on_both for _ in range(2))]
+    assert timings["work"].tolist() == [*works, *["the whole paper"] * 8]
     assert (timings["seconds"] > 0).all() and (timings["timed"][: len(works)] > 0).all()
     assert json.loads((tmp_path / "machine.json").read_text())["card"] == load("machine").card()
-    assert "side by side, then flights" in capsys.readouterr().out
+    assert "side by side, then plain" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU that PyTorch can use")
@@ -83,17 +84,20 @@ def test_the_paper_is_counted_from_its_configuration(load: Any) -> None:
     timings = [
         gpu.Timing(f"training, context size {size}", contender, "update", seconds, 1)
         for size in SIZES
-        for contender, seconds in ((gpu.PLAIN, 1.0), (gpu.GRAPH, 0.1))
+        for contender, seconds in ((gpu.PLAIN, 1.0), (gpu.GRAPH, 0.1), (gpu.CPU, 0.5))
     ]
     timings.append(gpu.Timing("training, all context sizes", gpu.TOGETHER, "update of each", 0.35, 1))
     timings += [
-        gpu.Timing("control", planner, "step of each", s, 1) for planner, s in (("cem", 2.0), ("gradient", 3.0))
+        gpu.Timing(f"control, {planner}", contender, "step of each", factor * seconds, 1)
+        for planner, seconds in (("cem", 2.0), ("gradient", 3.0))
+        for contender, factor in ((gpu.PLAIN, 1), (gpu.CPU, 4))
     ]
     rows = gpu.whole_paper(jobs, timings)
     updates = 16 * 6 * (15 * 50 + 100) + 64 * 6 * 7 * 500
     flights = 200 * ((5 + 10 + 5 + 5 + 14 + 1) * 2.0 + 5 * 3.0)
-    together = updates * 0.1 / 2
-    expected = [updates, updates * 0.1, together, flights, together + flights]
+    together, loops = updates * 0.1 / 2, updates * 0.5
+    on_both = [flights, flights * 4, together + flights, loops + flights * 4]
+    expected = [updates, updates * 0.1, together, loops, *on_both]
     assert [row.seconds for row in rows] == pytest.approx(expected)
 
 
@@ -120,6 +124,23 @@ def test_a_training_takes_the_batches_in_turns_and_adds_up_losses(load: Any, job
         trained.update()
         total += module.update(batch, optimizer)
     torch.testing.assert_close(trained.nll, total)
+
+
+def test_compiled_loops_train_as_pytorch_does(load: Any, jobs: Any, own: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CPU's contender after more updates than there are batches: the weights of `Training`, to rounding."""
+    graphs, workloads, modules = load("graphs"), load("workloads"), []
+
+    def module(*arguments: Any) -> Any:
+        modules.append(graphs.TrainingModule(*arguments))
+        return modules[-1]
+
+    monkeypatch.setattr(workloads, "TrainingModule", module)
+    update, trained = workloads.cpu_training(jobs[4], own), graphs.Training(jobs[4], graphs.Epoch.of(own, "cpu"))
+    for _ in range(len(own) + 1):
+        update()
+        trained.update()
+    for one, other in zip(modules[0].parameters(), trained.module.parameters(), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=1e-5)
 
 
 def test_other_weights_are_noticed(load: Any, jobs: Any, own: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,8 +15,14 @@ from affmap.env.registration import environments
 ROOT = Path(__file__).parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
-TARGETS = set(re.findall(r"^([a-z0-9]+):.*## ", MAKEFILE, re.MULTILINE))
-DOCUMENTS = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+HELP = subprocess.run(["make", "--silent", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+TARGETS = set(re.findall(r"^  ([a-z0-9]+) ", HELP, re.MULTILINE))
+DOCUMENTS = [
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+]
 USERS = {*environments(), "affmap/Mine-v0", "conf/experiment/mine.yaml"}
 """What looks like a file of the repository, and is an environment, or a user's own."""
 

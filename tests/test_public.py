@@ -1,4 +1,4 @@
-"""What a user meets first: the names of the package, and the README against the files it quotes."""
+"""What a user meets first: the names of the package, and the README and pages against the files that they quote."""
 
 import re
 import subprocess
@@ -62,21 +62,62 @@ def test_public_names_are_those_listed_and_can_be_discovered(package: ModuleType
     assert set(package.__all__) <= set(everything)
 
 
-def test_the_readme_quotes_the_claims() -> None:
-    """Golden: the table that `make exp1` wrote, word for word."""
-    claims = (ROOT / "runs/reference/exp1/tables/claims.md").read_text("utf-8")
-    assert claims in (ROOT / "README.md").read_text("utf-8")
+def page(name: str) -> str:
+    """The text of a page, in one line."""
+    return " ".join((ROOT / name).read_text("utf-8").split())
 
 
-def test_the_readme_quotes_the_claims_of_the_other_experiments() -> None:
-    """Golden: the rows of the table that `make paper` wrote, word for word, but for those of Experiment I."""
-    header, line, *rows = (ROOT / "runs/reference/paper/tables/claims.md").read_text("utf-8").splitlines()
-    others = [row for row in rows if not row.startswith("| I-")]
-    assert len(others) == 15
-    assert "\n".join([header, line, *others]) in (ROOT / "README.md").read_text("utf-8")
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 250
 
 
-def test_the_readme_says_what_the_comparison_of_look_ups_found() -> None:
+def test_the_readme_counts_the_claims_that_hold_and_names_those_that_are_not_decided() -> None:
+    """A row an experiment, from the table that `make paper` wrote; each row links to the experiment's own report."""
+    claims = (
+        pd.read_csv(ROOT / "runs/reference/paper/tables/claims.csv").groupby("claim", sort=False)["verdict"].first()
+    )
+    assert set(claims) == {"holds", "not decided"}
+    cells = r"^\| (I|II|III|IV|V), .+? \| .+?\? \| (\d+) of (\d+) \| (.+?) \| .+? \| (.+) \|$"
+    rows = re.findall(cells, (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
+    for number, (experiment, holding, total, undecided, links) in enumerate(rows, start=1):
+        verdicts = claims[claims.index.str.startswith(f"{experiment}-")]
+        assert (int(holding), int(total)) == ((verdicts == "holds").sum(), len(verdicts))
+        assert undecided == (", ".join(verdicts[verdicts == "not decided"].index) or "–")
+        assert (
+            f"(runs/reference/exp{number}/report.md)" in links and f"(runs/reference/exp{number}/report.pdf)" in links
+        )
+    assert [row[0] for row in rows] == list(dict.fromkeys(claims.index.str.partition("-").get_level_values(0)))
+
+
+def test_the_readme_s_first_result_is_in_its_table() -> None:
+    """Means over the runs, and the effect of claim I-3 with its interval."""
+    means = distances("exp1", planner="cem").mean()
+    claims = pd.read_csv(ROOT / "runs/reference/exp1/tables/claims.csv").set_index("claim")
+    effect, low, high = -claims.loc["I-3", ["effect", "high", "low"]]
+    said = f"falls from {means[0]:.2f} u to {means[8]:.2f} u: by {effect:.2f} u [{low:.2f}, {high:.2f}]"
+    assert said in page("README.md")
+
+
+def test_the_readme_s_badges_and_citation_are_those_of_the_project() -> None:
+    readme, project = page("README.md"), tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    low, high = re.findall(r"\((3), (\d+)\)", (ROOT / "Makefile").read_text("utf-8"))[:2]
+    python = f"Python {'.'.join(low)} to 3.{int(high[1]) - 1}"
+    for name, text in (("python", python), ("licence", f"licence {project['license']}"), ("paper", "arXiv 2202.11532")):
+        assert text.replace(" ", ": ", 1) in (ROOT / f"docs/images/badge_{name}.svg").read_text("utf-8")
+    assert python in readme and f"version = {{{project['version']}}}" in readme
+    citation = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert "doi = {10.3389/fnbot.2022.881673}" in readme and "doi: 10.3389/fnbot.2022.881673" in citation
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_links_lead_to_files(name: str) -> None:
+    """All but those to other sites."""
+    links = re.findall(r"\]\(([^)\s]+)\)", (ROOT / name).read_text("utf-8"))
+    inside = [link.partition("#")[0] for link in links if "://" not in link]
+    assert inside and [link for link in inside if not (ROOT / link).exists()] == []
+
+
+def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> None:
     """Every comparison with exact look-ups that did not end as "same" is named."""
     table = pd.read_csv(ROOT / "runs/reference/lookups/tables/lookup_spacing.csv")
     assert set(table["a"]) == {0}
@@ -87,7 +128,38 @@ def test_the_readme_says_what_the_comparison_of_look_ups_found() -> None:
         " and ".join(f"{-d:.2f} u" for d in others["difference"]),
     )
     said = f"but for the mean distance at {places}, which is different: {shorter} shorter with such a map"
-    assert said in " ".join((ROOT / "README.md").read_text("utf-8").split())
+    assert said in page("docs/results.md")
+
+
+def test_the_readme_s_shares_with_former_readings_are_those_of_the_lab_log() -> None:
+    """With the largest context; the lab log names the commit whose tables have them."""
+    rows = re.findall(
+        r"^\| success, (?:easy|hard) worlds \|.* (\d+ %) \|$", (ROOT / "docs/lablog.md").read_text("utf-8"), re.M
+    )
+    assert len(rows) == 2 and f"With the former readings {' and '.join(rows)} succeed" in page("README.md")
+
+
+def test_the_page_on_results_says_what_the_searches_found() -> None:
+    """Trials in the order of their scores; the first trial has the paper's values."""
+    said = page("docs/results.md")
+    tables = {
+        name: pd.read_csv(ROOT / f"runs/reference/tune/{name}/tables/trials.csv").sort_values("result")
+        for name in ("training", "cem", "gradient")
+    }
+    best, paper = {}, {}
+    for name, trials in tables.items():
+        assert len(trials) == 60
+        best[name], paper[name] = trials.iloc[0], trials[trials["trial"] == 0].iloc[0]
+    better = tables["training"][tables["training"]["result"] < paper["training"]["result"]]
+    assert len(better) == 7 and "The seven trials that do better clip" in said
+    norm = "training.transition_max_norm"
+    assert better[norm].min() > 30 * paper["training"][norm] and "more than 30 times the norm" in said
+    assert f"are {paper['cem']['result'] - best['cem']['result']:.2f} u behind the best" in said
+    variances = [trial["cem"]["planner.initial_variance"] for trial in (paper, best)]
+    assert round(variances[0] / variances[1]) == 15 and "whose initial variance is a fifteenth" in said
+    rates = [trial["gradient"]["planner.learning_rate"] for trial in (best, paper)]
+    assert rates[0] / rates[1] == pytest.approx(200, rel=0.05) and "two hundred times as large" in said
+    assert f"is {best['gradient']['result']:.2f} u instead of {paper['gradient']['result']:.2f} u" in said
 
 
 @pytest.mark.parametrize(
@@ -109,28 +181,34 @@ def test_the_readme_says_what_the_comparison_of_look_ups_found() -> None:
         ("three quarters of the time of LunarLander", "simulation, one", "LunarLander-v3", 1.3, 1.4),
     ],
 )
-def test_the_readme_s_ratios_are_those_measured(said: str, work: str, contender: str, low: float, high: float) -> None:
+def test_the_ratios_of_speed_are_those_measured(said: str, work: str, contender: str, low: float, high: float) -> None:
     """The words against the table that `make bench` wrote."""
     table = pd.read_csv(ROOT / "runs/reference/bench/results.csv")
     (ratio,) = table[table["work"].str.startswith(work) & (table["contender"] == contender)]["ratio"]
     assert low <= ratio <= high
-    assert said in (ROOT / "README.md").read_text("utf-8").replace("\n ", "")
+    assert said in page("docs/speed.md")
 
 
-def test_the_readme_s_other_numbers_on_speed_are_those_measured() -> None:
+def test_other_numbers_on_speed_are_those_measured() -> None:
     """Exact look-ups beside plain PyTorch, the share of a control step, processes beside threads: from the tables."""
-    readme = (ROOT / "README.md").read_text("utf-8").replace("\n ", "")
+    speed = page("docs/speed.md")
     results, step, growth = (
         pd.read_csv(ROOT / f"runs/reference/bench/{name}.csv") for name in ("results", "control_step", "growth")
     )
     ratio = results[results["work"].str.startswith("look-up")].set_index("contender")["ratio"]
     assert round(ratio["plain PyTorch"] / ratio["exact, views known"]) == 7
-    assert "exact look-ups in compiled loops are seven times as fast" in readme
+    assert "exact look-ups in compiled loops are seven times as fast" in speed
     planning = step.set_index("part")["share"]["planning"]
     others = 1 - planning - step.set_index("part")["share"]["views and records"]
-    assert f"takes {others:.0%} of a step of control (100 agents), planning {planning:.0%}".replace("%", " %") in readme
+    assert f"takes {others:.0%} of a step of control (100 agents), planning {planning:.0%}".replace("%", " %") in speed
     team = growth[growth["varied"] == "threads and processes"].set_index(["processes", "threads"])["milliseconds"]
-    assert f"each have {team[1, 2] / team[2, 1]:.1f} times the throughput" in readme
+    assert f"each have {team[1, 2] / team[2, 1]:.1f} times the throughput" in speed
+
+
+def explanations() -> str:
+    """What the reports say of the published run."""
+    texts = [path.read_text("utf-8") for path in sorted((ROOT / "affmap/experiments").glob("*/*.md"))]
+    return " ".join(" ".join(texts).split())
 
 
 def distances(path: str, **values: object) -> pd.DataFrame:
@@ -142,14 +220,17 @@ def distances(path: str, **values: object) -> pd.DataFrame:
 
 
 def test_what_is_said_about_single_factors_is_in_their_tables() -> None:
-    """README and `causes.md` against the runs; p values by SciPy, which has no ties to deal with here."""
-    said = " ".join((ROOT / "README.md").read_text("utf-8").split())
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    """README and explanations against the runs; p values by SciPy, which has no ties to deal with here."""
+    said = page("README.md")
+    causes = explanations()
     through, without = (
         distances("factors/gb_gradients", lookup_differentiable=value).mean()[8] for value in (True, False)
     )
     evolutionary = distances("exp1", planner="cem")
-    assert f"is {through:.2f} u instead of {without:.2f} u" in said and f"EB's {evolutionary.mean()[8]:.2f} u" in said
+    assert (
+        f"units is {through:.2f} u instead of {without:.2f} u" in said
+        and f"EB's {evolutionary.mean()[8]:.2f} u" in said
+    )
     assert f"is {through:.2f} u instead of {without:.2f} u, beside {evolutionary.mean()[8]:.2f} u" in causes
     for name, column, value in (
         ("gb_exploration", "data_max_hold", 1),
@@ -173,15 +254,14 @@ def shares(path: str, by: str) -> pd.DataFrame:
 
 
 def percent(path: str, value: str, layout: str, column: str, metric: str = "success") -> str:
-    """The mean of a metric over the runs of a factor's value, in a layout, as `causes.md` writes it."""
+    """The mean of a metric over the runs of a factor's value, in a layout, as explanations write it."""
     runs = pd.read_csv(ROOT / "runs/reference" / path / "tables/runs.csv").astype({column: str})
     return f"{100 * runs[(runs['layout'] == layout) & (runs[column] == value)][metric].mean():.0f} %"
 
 
 def test_what_is_said_about_success_in_experiment_5_is_in_its_tables() -> None:
-    """`causes.md` and README against the runs; Page's trend test by SciPy."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
-    readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    """Explanations, README and the page on results against the runs; Page's trend test by SciPy."""
+    causes, readme, results = explanations(), page("README.md"), page("docs/results.md")
     easy, hard = ("procedural_easy", "procedural_hard")
     (e32, e0), (h32, h0) = (
         [percent("exp5", size, layout, "context_size") for size in ("32", "0")] for layout in (easy, hard)
@@ -192,7 +272,7 @@ def test_what_is_said_about_success_in_experiment_5_is_in_its_tables() -> None:
     baselines = pd.read_csv(ROOT / "runs/reference/exp5/tables/baselines.csv").query("planner == 'oracle'")
     oracle = [f"{100 * share:.0f} %" for share in baselines.groupby("layout")["success"].mean()[[easy, hard]]]
     assert f"succeeds in {oracle[0]} of the easy runs and {oracle[1]} of the hard ones" in causes
-    assert f"imagination {oracle[0]} and {oracle[1]}" in readme
+    assert f"imagination {oracle[0]} of the easy and {oracle[1]} of the hard runs succeed" in results
     for crowded, layout, told in (
         (
             "procedural_crowded_easy",
@@ -226,9 +306,8 @@ def test_what_is_said_about_success_in_experiment_5_is_in_its_tables() -> None:
 
 
 def test_what_is_said_about_the_worlds_of_experiment_5_is_so() -> None:
-    """`causes.md` and the README, against the worlds drawn anew and the table of runs."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
-    readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    """Explanations and the page on results, against the worlds drawn anew and the table of runs."""
+    causes, results = explanations(), page("docs/results.md")
     runs = pd.read_csv(ROOT / "runs/reference/exp5/tables/runs.csv").query("context_size == 32")
     shares, sizes, without = [], [], set()
     for layout in ("procedural_easy", "procedural_hard"):
@@ -248,16 +327,18 @@ def test_what_is_said_about_the_worlds_of_experiment_5_is_so() -> None:
     baselines = pd.read_csv(ROOT / "runs/reference/exp5/tables/baselines.csv").query("planner == 'straight'")
     straight = [f"{100 * share:.0f} %" for share in baselines.groupby("layout")["success"].mean()]
     assert f"one that flies straight ahead ({straight[0]} and {straight[1]})" in causes
-    assert f"one that flies straight ahead ({straight[0]} and {straight[1]})" in readme
-    assert f"one unit does as well as 32 ({percent('exp5', '1', 'procedural_easy', 'context_size')})" in readme
+    assert f"straight ahead, which succeeds in {straight[0]} and {straight[1]} of the runs" in results
+    three, five = (percent("exp5", size, "procedural_easy", "context_size") for size in ("3", "5"))
+    assert f"{three} with three units and {five} with five" in results
+    assert f"one unit does as well as 32 ({percent('exp5', '1', 'procedural_easy', 'context_size')})" in results
 
 
 AGENTS = ("planner", "true_mean", "true_deviation", "oracle")
 
 
 def test_what_is_said_about_losses_of_experiment_5_is_in_its_tables() -> None:
-    """`causes.md` against losses, by epoch and by kind of step."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    """Explanations against losses, by epoch and by kind of step."""
+    causes = explanations()
 
     def said(value: float) -> str:
         return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")
@@ -294,8 +375,8 @@ def test_what_is_said_about_losses_of_experiment_5_is_in_its_tables() -> None:
 
 
 def test_what_is_said_about_other_verdicts_is_in_their_tables() -> None:
-    """Intervals and p values that `causes.md` quotes."""
-    causes = " ".join((ROOT / "affmap/experiments/paper/causes.md").read_text("utf-8").split())
+    """Intervals and p values that explanations quote."""
+    causes = explanations()
     claims = pd.read_csv(ROOT / "runs/reference/exp3/tables/claims.csv").set_index(["claim", "part"])
     assert f"the interval of the ratio ends at {claims.loc[('III-2', 'a'), 'high']:.4f}" in causes
     claims = pd.read_csv(ROOT / "runs/reference/exp5/tables/claims.csv").set_index(["claim", "part"])
@@ -305,12 +386,13 @@ def test_what_is_said_about_other_verdicts_is_in_their_tables() -> None:
     assert f"Page's test has p {printed.loc['I-5', 'p']:.3f} for a rise" in causes
     runs = pd.read_csv(ROOT / "runs/reference/exp4/tables/runs.csv").query("context_size > 0")
     assert f"With a context {100 * runs['success'].mean():.0f} % of the runs succeed" in causes
+    without = pd.read_csv(ROOT / "runs/reference/exp4/tables/runs.csv").query("context_size == 0")
+    assert not without["success"].any() and "Without a context no run succeeds." in page("README.md")
 
 
 def test_what_is_said_about_fresh_members_is_in_their_tables() -> None:
-    """README, `causes.md` and the pages on experiments against the claims of the replication."""
-    pages = ["README.md", "affmap/experiments/paper/causes.md", *(f"docs/experiments/exp{n}.md" for n in (1, 3, 5))]
-    readme, causes, first, _, _ = (" ".join((ROOT / page).read_text("utf-8").split()) for page in pages)
+    """README and explanations against the claims of the replication."""
+    readme, causes = page("README.md"), explanations()
     found = [pd.read_csv(ROOT / f"runs/reference/replication/exp{n}/tables/claims.csv") for n in (1, 3, 5)]
     parts = pd.concat(found).set_index(["claim", "part"])
     verdicts = pd.concat(found).groupby("claim")["verdict"].first()
@@ -318,32 +400,32 @@ def test_what_is_said_about_fresh_members_is_in_their_tables() -> None:
     assert len(verdicts) == 7 + 3 + 4 and set(verdicts) == {"holds"}
     i5, trace, error = parts.loc["I-5"].iloc[0], parts.loc[("III-2", "a")], parts.loc[("V-2", "error")]
     assert f"changes by {i5['effect']:.2f} u [{i5['low']:.2f}, {i5['high']:.2f}]" in causes
-    assert all(f"falls by {-i5['effect']:.2f} u" in page for page in (readme, first)) and i5["p_opposite"] < 0.001
+    assert all(f"falls by {-i5['effect']:.2f} u" in text for text in (readme, causes)) and i5["p_opposite"] < 0.001
     assert f"the ratio's interval ending at {trace['high']:.4f}" in causes
     assert f"V-2 holds, with a p of {error['p']:.3f} of the error" in causes
     share = parts.loc["V-4"].iloc[0]
     shown = f"{share['effect']:.2f} of the easy runs succeed, with an interval from {share['low']:.3f}"
-    assert all(shown in page for page in (readme, causes)) and share["low"] < 0.9
+    assert all(shown in text for text in (readme, causes)) and share["low"] < 0.9
     reference = pd.read_csv(ROOT / "runs/reference/paper/tables/claims.csv")
     open_ones = reference[reference["verdict"] != "holds"]["claim"].unique()
     assert list(open_ones) == ["I-5", "III-1", "III-2", "V-2"] and reference["claim"].nunique() == 23
 
 
 def test_the_two_other_pairs_of_obstacles_decide_claim_ii_3_otherwise() -> None:
-    """What `causes.md` says of them."""
+    """What explanations say of them."""
     table = pd.read_csv(ROOT / "runs/reference/factors/two_obstacles/tables/control_layout.csv")
     worse = table[table["metric"] == "mean_distance"].groupby("b")["difference"].mean()
     assert worse["two_obstacles_narrow"] > worse["two_obstacles"] > 0 > worse["two_obstacles_apart"]
 
 
-def test_the_readme_lists_every_folder() -> None:
+def test_the_guide_for_contributors_lists_every_folder() -> None:
     """One line a folder of the package, in the order of the layers; and every loose module."""
-    readme = (ROOT / "README.md").read_text("utf-8")
+    guide = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
     folders = [path.name for path in (ROOT / "affmap").iterdir() if (path / "__init__.py").is_file()]
-    listed = re.findall(r"^affmap/(\w+)/", readme, re.MULTILINE)
+    listed = re.findall(r"^affmap/(\w+)/", guide, re.MULTILINE)
     assert listed == [layer for layer in reversed(layers) if layer in folders and layer != "play"]
     assert set(folders) == {*listed, "play"}
     loose = [path.name for path in (ROOT / "affmap").glob("*.py") if path.name != "__init__.py"]
-    assert len(loose) <= 6 and all(name in readme for name in loose)
+    assert len(loose) <= 6 and all(name in guide for name in loose)

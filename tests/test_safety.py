@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,11 @@ from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import copy, restore, save
-from affmap.report import blocks, content, page
+from affmap.report import page
+from affmap.report.content import Content
+from affmap.report.markdown import bullets, escape
 from affmap.results import manifest, provenance
-from affmap.results.setting import STAGES, Setting
+from affmap.results.setting import CONTEXT_SIZE, PLANNER, STAGES, ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError, read
 from affmap.training.fit import fit, keep
@@ -262,18 +265,13 @@ def test_text_of_others_is_text_in_reports(tmp_path: Path) -> None:
             **{"git": [text], "versions": [{text: text}], "machine": [{"system": text}]},
             "stages": [{"stage": text, "digest": text, "started": text, "seconds": 1.0, "differs": {text: text}}],
         }
-        data = {
-            **{"title": text, "notice": text},
-            "blocks": [
-                blocks.heading(text),
-                blocks.paragraph(text),
-                *content.figures(["one"], {"one": text}),
-                content.origins([record], text),
-                content.stages(record),
-                blocks.player({"text": text}, text, [("disc", "red", text)]),
-            ],
-        }
-        page.write(tmp_path, data)
+        results: Any = SimpleNamespace(x=CONTEXT_SIZE, color=PLANNER)
+        settings = ReportSettings.load("report", "default")
+        content = Content(text, text, results, (), settings, ["one"], {"one": text}, {**record, "report": text})
+        parts = [f"# {content.title()}", content.notice(), content.player(), f"## {escape(text)}", escape(text)]
+        parts += [bullets([escape(text)]), content.figure("one"), content.origins(), content.stages()]
+        widget = {"data": {"text": text}, "caption": text, "legend": [("disc", "red", text)]}
+        page.write(tmp_path, "\n\n".join(parts), text, {"player": widget})
         written = Page((tmp_path / "report.html").read_text("utf-8"))
         assert not {"iframe", "object", "embed"} & set(written.tags) and written.tags.count("img") == 1
         data, own = written.scripts

@@ -65,7 +65,7 @@ def test_every_split_gives_the_arrays_of_one_job(ran: dict[str, tuple[Setting, .
             np.testing.assert_allclose(found, expected, atol=1e-3)
         for found, expected in zip(split.trajectories(part), one.trajectories(whole), strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-3)
-        assert split.worlds(part) == one.worlds(whole)
+        assert split.run_layouts(part) == one.run_layouts(whole)
         assert len(split.provenance) == 1 + 4 * len(part.train)  # the data are shared
 
 

@@ -51,7 +51,7 @@ def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
         time.sleep(0.05)
     os.kill(process.pid, number)
     assert process.wait(20) == 128 + number
-    assert "the same command goes on from there." in said(tmp_path) and "Traceback" not in said(tmp_path)
+    assert "run the same command again to resume." in said(tmp_path) and "Traceback" not in said(tmp_path)
     while subprocess.run(["pgrep", "--session", str(process.pid)], capture_output=True, check=False).stdout:
         assert time.monotonic() < deadline, "a worker is left"
         time.sleep(0.1)
@@ -116,7 +116,7 @@ def damaged(content: bytes, rng: np.random.Generator) -> Iterator[bytes | None]:
     yield None
 
 
-def test_every_damaged_file_of_a_finished_sweep_is_told_with_a_remedy_that_helps(
+def test_every_damaged_file_of_a_finished_sweep_is_reported_with_a_remedy_that_helps(
     undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each file in four ways: whoever asks for the results is told which it is; the command says so, too, and does
@@ -129,20 +129,20 @@ def test_every_damaged_file_of_a_finished_sweep_is_told_with_a_remedy_that_helps
     count = 0
     for path in sorted(path for path in folder.glob("store/**/*") if path.is_file()):
         content = path.read_bytes()
-        told = f"{path} .*; remove the folder {path.parent} .* and run the same command again"
+        message = f"{path} .*; remove the folder {path.parent} .* and run the same command again"
         for harmed in damaged(content, rng):
             count += 1
             path.unlink() if harmed is None else path.write_bytes(harmed)
             if harmed is None and path.name == "provenance.json":
                 assert not all(pipeline.find(config) for config in configs)
             else:
-                with pytest.raises(StoreError, match=told):
+                with pytest.raises(StoreError, match=message):
                     [pipeline.find(config) for config in configs]
         path.write_bytes(content[:-2])
         with pytest.raises(SystemExit, match="1"):
             run.main()
         error = capsys.readouterr().err
-        assert re.match(told, error) and "Traceback" not in error
+        assert re.match(message, error) and "Traceback" not in error
         path.write_bytes(content)
     assert results(folder) == results(undisturbed)
     print(f"{count} damaged files told")
@@ -162,7 +162,7 @@ def test_a_disk_that_takes_no_more_costs_nothing(undisturbed: Path, tmp_path: Pa
     assert results(tmp_path) == results(undisturbed)
 
 
-def test_a_full_disk_is_told_and_costs_nothing(undisturbed: Path, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_costs_nothing(undisturbed: Path, tmp_path: Path) -> None:
     """A real one, of 100 KiB; then it grows."""
     folder = tmp_path / "small"
     folder.mkdir()

@@ -1,4 +1,4 @@
-"""The frame of all commands: the command line, errors as sentences, exit statuses, signals."""
+"""The frame of all commands: command line, error messages, exit statuses, signals."""
 
 import multiprocessing
 import os
@@ -19,52 +19,52 @@ from affmap.settings.messages import ConfigError
 from affmap.store.stage import StoreError
 
 MULTIRUN = ("-m", "--multirun")
-"""Hydra's flag for sweeps; it is set where it is needed, whether it is given or not."""
+"""Hydra's flag for sweeps; it is added where it is needed and optional on the command line."""
 
 
 class SweepError(Exception):
-    """Some settings of a sweep have not been completed; the message names each."""
+    """Some settings of a sweep are incomplete; the message names each."""
 
 
 def command(
-    body: Callable[[list[str]], None], known: Collection[str] = (), about: str | None = None, goes_on: bool = True
+    body: Callable[[list[str]], None], known: Collection[str] = (), about: str | None = None, resumes: bool = True
 ) -> None:
-    """Run `body` on the command line's overrides; what goes wrong is told in a sentence. Flags must be `known`.
+    """Run `body` on the command line's overrides and report errors in a sentence; other flags than `known` are errors.
 
-    `about` is what `--help` says; `goes_on` tells whether the same command goes on from where a signal stopped it.
+    `about` is the text of `--help`; `resumes` tells whether the same command resumes after a signal.
 
-    Exit status: 2 for a mistake in the command line, 1 for what failed, 130 or 143 where a signal ended it.
+    Exit status: 2 for a mistake in the command line, 1 for a failure, 130 or 143 for a signal.
     """
     if about and {"--help", "-h"} & {*flags()}:
         print(f"{about}\n\nIt takes Hydra overrides, such as experiment=exp1 or output=runs/mine.")
         return
-    stopped = ["Stopped", "; the same command goes on from there." if goes_on else "."]
+    remedy = "; run the same command again to resume." if resumes else "."
     try:
-        with ended_by_scheduler():
+        with sigterm_ends_process():
             body(_overrides(known))
     except BaseException as error:
         match _first(error):
             case KeyboardInterrupt():
-                _leave_at_once("".join(stopped), 128 + signal.SIGINT)
+                _leave_at_once(f"Stopped{remedy}", 128 + signal.SIGINT)
             case Terminated(code=code):
-                _leave_at_once(" by a signal".join(stopped), code)
+                _leave_at_once(f"Stopped by a signal{remedy}", code)
             case ConfigError() | HydraException() | OmegaConfBaseException():
                 _leave(str(error), 2)
             case StoreError() | SweepError():
                 _leave(str(error), 1)
-            case BrokenPipeError():  # whoever read the output, such as `head`, has enough
+            case BrokenPipeError():  # the reader of the output, such as `head`, has enough
                 os._exit(128 + signal.SIGPIPE)
             case OSError(filename=name, strerror=reason):
-                _leave(f"{name or 'A file'}: {reason or error}; mend that and run the same command again.", 1)
+                _leave(f"{name or 'A file'}: {reason or error}; fix that and run the same command again.", 1)
             case _:
                 raise
 
 
 def read_sweep(arguments: Sequence[str]) -> Sweep:
-    """The sweep of a command line, checked.
+    """The validated sweep of a command line.
 
     Raises:
-        ConfigError: a value that is not allowed, or a member in two jobs; the message says what would be right.
+        ConfigError: a value is not allowed, or a member is in two jobs; the message gives a remedy.
     """
     sweep = Sweep.read(arguments)
     check_members(sweep.configs)
@@ -72,17 +72,17 @@ def read_sweep(arguments: Sequence[str]) -> Sweep:
 
 
 def _first(error: BaseException) -> BaseException:
-    """The signal that an error follows from, for libraries stumble when they are interrupted; else the error itself."""
-    before: BaseException | None = error
-    while before:
-        if isinstance(before, (KeyboardInterrupt, Terminated)):
-            return before
-        before = before.__context__
+    """The signal that caused an error, since libraries may fail when they are interrupted; else the error itself."""
+    cause: BaseException | None = error
+    while cause:
+        if isinstance(cause, (KeyboardInterrupt, Terminated)):
+            return cause
+        cause = cause.__context__
     return error
 
 
 def flags() -> list[str]:
-    """The flags of the command line, but for that of sweeps."""
+    """The flags of the command line, except Hydra's for sweeps."""
     return [argument for argument in sys.argv[1:] if argument.startswith("-") and argument not in MULTIRUN]
 
 
@@ -92,42 +92,41 @@ def _overrides(known: Collection[str]) -> list[str]:
     return [argument for argument in sys.argv[1:] if argument not in (*MULTIRUN, *known)]
 
 
-def _leave(words: str, status: int) -> NoReturn:
-    print(words, file=sys.stderr)
+def _leave(message: str, status: int) -> NoReturn:
+    print(message, file=sys.stderr)
     sys.exit(status)
 
 
-def _leave_at_once(words: str, status: int) -> NoReturn:
-    """Leave without waiting for workers, which may have results to send that nobody will receive."""
+def _leave_at_once(message: str, status: int) -> NoReturn:
+    """Exit without waiting for workers, which may have results to send that nobody will receive."""
     for worker in multiprocessing.active_children():
         worker.kill()
-    print(words, file=sys.stderr, flush=True)
+    print(message, file=sys.stderr, flush=True)
     sys.stdout.flush()
     os._exit(status)
 
 
 class Terminated(SystemExit):
-    """SIGTERM has come."""
+    """SIGTERM was received."""
 
     code: int
 
 
 @contextmanager
-def ended_by_scheduler() -> Iterator[None]:
-    """SIGTERM, a scheduler's warning, ends the process as Ctrl-C does: at once, with locks released.
+def sigterm_ends_process() -> Iterator[None]:
+    """Let SIGTERM, a scheduler's warning, end the process in the block as Ctrl-C does: at once, with locks released.
 
-    A launcher that listens to the signal itself is not disturbed.
+    A launcher with a handler of its own keeps it.
     """
-    listening = (
-        threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    )
-    if listening:
-        signal.signal(signal.SIGTERM, _terminate)
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
     finally:
-        if listening:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _terminate(number: int, _frame: object) -> None:
@@ -135,10 +134,9 @@ def _terminate(number: int, _frame: object) -> None:
 
 
 def end_with_parent() -> None:
-    """Let a worker process end when the command that it works for is killed: nobody would receive its results."""
-    if multiprocessing.current_process().name == "MainProcess" or _WATCH in {
-        each.name for each in threading.enumerate()
-    }:
+    """Let a worker process exit when its command is killed: nobody would receive its results."""
+    is_main = multiprocessing.current_process().name == "MainProcess"
+    if is_main or _WATCH in {thread.name for thread in threading.enumerate()}:
         return
     threading.Thread(target=_watch, args=(os.getppid(),), name=_WATCH, daemon=True).start()
 

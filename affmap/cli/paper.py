@@ -1,4 +1,4 @@
-"""The command `affmap-paper`: one report of all experiments of the paper, from their own."""
+"""The command `affmap-paper`: one report of all experiments of the paper."""
 
 import shlex
 
@@ -9,39 +9,40 @@ from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
 from affmap.results import manifest
 from affmap.settings.messages import ConfigError
-from affmap.store.provenance import without_places
+from affmap.store.provenance import without_paths
 
 PUBLISH = "--publish"
 """Flag: keep the report in the folder of the reference run."""
 
 
 def main() -> None:
-    """`affmap-paper`: one report of all five experiments, from their own; `--publish`: keep it in `runs/reference`."""
-    keep = PUBLISH in flags()
-    command(lambda arguments: _paper(read_sweep(arguments), keep), known=[PUBLISH], about=main.__doc__)
+    """`affmap-paper`: one report of all five experiments; `--publish`: keep it in `runs/reference`."""
+    publish = PUBLISH in flags()
+    command(lambda arguments: _paper(read_sweep(arguments), publish), known=[PUBLISH], about=main.__doc__)
 
 
-def _paper(asked: Sweep, keep: bool) -> None:
-    from affmap.experiments import PAPER, claims_about  # reports take seconds to import
+def _paper(paper: Sweep, publish: bool) -> None:
+    from affmap.experiments import ROOMS, open_room  # reports take seconds to import
     from affmap.experiments.paper.report import Chapter, PaperReport
     from affmap.report import build
-    from affmap.results.tables import Results
 
     chapters = []
-    for experiment in PAPER:
-        swept = read_sweep(sweep.instead(asked.overrides, experiment, ("output",)))
-        first = swept.first
+    for experiment in ROOMS:
+        jobs = read_sweep(sweep.replace_experiment(paper.overrides, experiment, ("output",)))
+        first = jobs.first
+        if not first.report.paper_figures:  # an experiment that the paper does not have
+            continue
         try:
-            part = completed(swept)
+            part = completed(jobs)
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
-        claims = claims_about(first.report.claims)
-        results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
-        chapters.append(Chapter(first.title, results, first.report, claims, first.output, part.missing))
-    first = asked.first
+        room = open_room(experiment, first.report.claims)
+        results = part.results(first.report)
+        chapters.append(Chapter(first.title, results, first.report, room, first.output, part.missing))
+    first = paper.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
-    line = shlex.join(["affmap-paper", *without_places(asked.overrides)])
+    line = shlex.join(["affmap-paper", *without_paths(paper.overrides)])
     print(f"The report is {build.write(PaperReport(output, chapters, line, first.notice))}")
-    if keep:
+    if publish:
         check_publishable(first)
         manifest.copy(output, first.reference.parent / output.name, without=["figures", "*.html"])

@@ -1,9 +1,9 @@
-"""The command `affmap-publish`: reports, and the models of experiments, are kept in `runs/reference`."""
+"""The command `affmap-publish`: copy reports, and the models of experiments, to `runs/reference`."""
 
 from pathlib import Path
 
 from affmap.cli.app import command, flags
-from affmap.cli.report import read, report_of
+from affmap.cli.report import make_report, read
 from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.model.weights import SNAPSHOT, WEIGHTS
@@ -14,10 +14,10 @@ from affmap.settings.messages import ConfigError
 from affmap.store.stage import copy_stage
 
 WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
-"""Not kept: vector figures are in the report's own PDF, which is; all figures in the page; all losses in the tables."""
+"""Files that are not kept: vector figures are in the report's PDF, figures in the page, losses in the tables."""
 
 REPORT_ONLY = "--report-only"
-"""Flag: keep no models, nor the tables of their trainings, which are larger than all others."""
+"""Flag: keep neither models nor the tables of their trainings, which are the largest."""
 
 
 def main() -> None:
@@ -32,32 +32,32 @@ def check_publishable(config: Config) -> None:
         ConfigError: they are those of a smoke run, or the like.
     """
     if config.notice:
-        raise ConfigError(f"this is not a result to keep: {config.notice}.")
+        raise ConfigError(f"this result is not to be published: {config.notice}.")
 
 
 def _publish(arguments: list[str]) -> None:
     from affmap.report import build  # reports take seconds to import
 
-    asked = read(arguments)
-    report = report_of(asked)
-    config = asked.config if isinstance(asked, Search) else asked.first
+    jobs = read(arguments)
+    report = make_report(jobs)
+    config = jobs.config if isinstance(jobs, Search) else jobs.first
     check_publishable(config)
     build.check(report)
-    place = config.published
+    target = config.published
     report_only = REPORT_ONLY in flags()
-    manifest.copy(config.output, place, (*WITHOUT, *((VALIDATION, STEPS) if report_only else ())))
-    if isinstance(asked, Search) or config.report.compare or report_only:
-        print(f"Kept in {place}")
+    manifest.copy(config.output, target, (*WITHOUT, *((VALIDATION, STEPS) if report_only else ())))
+    if isinstance(jobs, Search) or config.report.compare or report_only:
+        print(f"Kept in {target}")
         return
-    part = completed(asked)
+    part = completed(jobs)
     for setting in [*part.settings, *([part.growth] if part.growth else [])]:
         for train in setting.train:
             _keep(train, config, [SNAPSHOT.format(epoch="*")] if setting is part.growth else [])
-    print(f"Kept in {place} and {config.reference}")
+    print(f"Kept in {target} and {config.reference}")
 
 
 def _keep(train: Path, config: Config, also: list[str]) -> None:
-    """Copy what is needed of a training into the reference run's store."""
+    """Copy the weights, losses and other files of a training to the reference run's store."""
     target = config.reference / "train" / train.name
-    if train != target:  # else the models were taken from there
+    if train != target:  # else the models come from there
         copy_stage(train, target, (WEIGHTS, VALIDATION, *also))

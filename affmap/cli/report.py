@@ -1,4 +1,4 @@
-"""The command `affmap-report`: draw the report of a sweep or of a search, or check every file that it comes from."""
+"""The command `affmap-report`: draw the report of a sweep or of a search, or verify all of its files and stages."""
 
 import shlex
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
 from affmap.store.files import locked
-from affmap.store.provenance import circumstances, without_places
+from affmap.store.provenance import circumstances, without_paths
 from hydra_plugins.hyperopt_sweeper import RESULTS
 
 CHECK = "--check"
-"""Flag: look at every file, draw nothing."""
+"""Flag: verify every file, draw nothing."""
 
 
 def main() -> None:
-    """`affmap-report`: draw the report of a sweep or of a search; `--check`: look at every file that it comes from."""
+    """`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."""
     command(_check if CHECK in flags() else _report, known=[CHECK], about=main.__doc__)
 
 
@@ -30,45 +30,43 @@ def read(arguments: Sequence[str]) -> Search | Sweep:
     """The search of a command line, or its sweep.
 
     Raises:
-        ConfigError: a value that is not allowed; the message says what would be right.
+        ConfigError: a value is not allowed; the message gives a remedy.
     """
     return Search.read(arguments) or read_sweep(arguments)
 
 
-def report_of(asked: Search | Sweep) -> Report:
-    """The report of a search, or that of the completed part of a sweep: an experiment or a comparison.
+def make_report(jobs: Search | Sweep) -> Report:
+    """The report of a search, or of the completed part of a sweep: an experiment or a comparison.
 
     Raises:
-        ConfigError: some settings are not complete, and no partial report is wanted; or they differ in more than a
-            report tells apart.
+        ConfigError: some settings are incomplete, and the report may not be partial; or they differ in more keys than
+            a report can show.
     """
-    if isinstance(asked, Search):
-        return _search_report(asked)
-    from affmap.experiments import claims_about  # reports take seconds to import
+    if isinstance(jobs, Search):
+        return _make_search_report(jobs)
+    from affmap.experiments import open_room  # reports take seconds to import
     from affmap.experiments.comparison.report import ComparisonReport
     from affmap.report.experiment import ExperimentReport
-    from affmap.results.tables import Results
 
-    first, part = asked.first, completed(asked)
+    first, part = jobs.first, completed(jobs)
     partial = f"PARTIAL: {part.missing.partition(' (')[0]}" if part.missing else None
     head = {
         "name": first.name,
         "title": first.title,
-        "command": shlex.join(["affmap", *without_places(asked.overrides)]),
+        "command": shlex.join(["affmap", *without_paths(jobs.overrides)]),
     }
     notice = "; ".join(filter(None, [first.notice, partial])) or None
     if first.report.compare:
         return ComparisonReport(first.output, part.settings, first.report.compare, **head, notice=notice)
-    claims = claims_about(first.report.claims)
-    results = Results(part.settings, part.growth, first.report.x, first.report.color, part.baselines)
-    return ExperimentReport(first.output, results, first.report, claims, **head, notice=notice)
+    room = open_room(first.name, first.report.claims)
+    return ExperimentReport(first.output, part.results(first.report), first.report, room, **head, notice=notice)
 
 
-def _search_report(search: Search) -> Report:
+def _make_search_report(search: Search) -> Report:
     from affmap.experiments.search.report import SearchReport
 
-    config, made = search.config, search.num_complete
-    partial = f"PARTIAL: {made} of {search.num_trials} trials are complete" if made < search.num_trials else None
+    config, count = search.config, search.num_complete
+    partial = f"PARTIAL: {count} of {search.num_trials} trials are complete" if count < search.num_trials else None
     return SearchReport(
         config.output,
         search.folder / RESULTS,
@@ -77,7 +75,7 @@ def _search_report(search: Search) -> Report:
         log_keys=search.log_keys,
         origin={"overrides": search.overrides, "config": config.model_dump(mode="json"), **circumstances()},
         title=config.title,
-        command=shlex.join(["affmap", *without_places(search.overrides)]),
+        command=shlex.join(["affmap", *without_paths(search.overrides)]),
         notice="; ".join(filter(None, [config.notice, partial])) or None,
     )
 
@@ -85,47 +83,47 @@ def _search_report(search: Search) -> Report:
 def _report(arguments: list[str]) -> None:
     from affmap.report import build
 
-    asked = read(arguments)
-    output = asked.config.output if isinstance(asked, Search) else asked.first.output
+    jobs = read(arguments)
+    output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
     lock = output.with_name(f".{output.name}.lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
     with locked(lock, f"another command that writes {output}"):
         try:
-            report = report_of(asked)
-            manifest.check_output(output, () if isinstance(asked, Search) else all_stages(asked))
+            report = make_report(jobs)
+            manifest.check_output(output, () if isinstance(jobs, Search) else all_stages(jobs))
             page = build.write(report)
         finally:
             lock.unlink(missing_ok=True)
     if page.suffix == ".md":
         print(f"{page.read_text('utf-8')}\nThe table is {page}")
     else:
-        print(f"The report is {page}, to be clicked through {page.with_suffix('.html')}")
+        print(f"The report is {page}; open {page.with_suffix('.html')} for the interactive version.")
 
 
 def _check(arguments: list[str]) -> None:
-    """Compute the digests of all stages and of the report anew.
+    """Verify the digests of all stages and of the report.
 
     Raises:
-        SweepError: something is not as it was written.
+        SweepError: a file is not as it was written.
     """
-    asked = read(arguments)
-    output, made_of, problems = _check_search(asked) if isinstance(asked, Search) else _check_sweep(asked)
+    jobs = read(arguments)
+    output, parts, problems = _check_search(jobs) if isinstance(jobs, Search) else _check_sweep(jobs)
     if problems:
         raise SweepError("\n".join(problems))
-    print(f"{made_of} and the report in {output}: every file is as it was written.")
+    print(f"{parts} and the report in {output}: every file is as it was written.")
 
 
 def _check_search(search: Search) -> tuple[Path, str, list[str]]:
-    """The folder of a search's report, its trials in words, and everything that is wrong with its files."""
+    """The folder of a search's report, its trials in words, and errors in its files."""
     output = search.config.output
     problems = manifest.problems(output)
-    if not problems and not manifest.same_results(manifest.read(output), _search_report(search).record):
+    if not problems and not manifest.same_results(manifest.read(output), _make_search_report(search).record):
         problems = [f"{output} is the report of other trials; affmap-report makes it anew."]
     return output, f"{search.num_complete} trials", problems
 
 
 def _check_sweep(sweep: Sweep) -> tuple[Path, str, list[str]]:
-    """The folder of a sweep's report, its stages in words, and everything that is wrong with its files."""
+    """The folder of a sweep's report, its stages in words, and errors in its files."""
     output, jobs = sweep.first.output, status.jobs(sweep, check=True)
     for companion in sweep.companions():
         jobs += status.jobs(companion, check=True)

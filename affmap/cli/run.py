@@ -1,6 +1,6 @@
 """The command `affmap`: run the incomplete jobs of a sweep, or the missing trials of a search.
 
-It takes Hydra overrides. The jobs of a sweep run wherever Hydra's launcher puts them.
+It takes Hydra overrides. Hydra's launcher decides where the jobs of a sweep run.
 """
 
 import logging
@@ -12,13 +12,21 @@ import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 
-from affmap.cli.app import SweepError, command, end_with_parent, ended_by_scheduler, flags, read_sweep
+from affmap.cli.app import SweepError, command, end_with_parent, flags, read_sweep, sigterm_ends_process
 from affmap.config import sweep
 from affmap.config.root import Config, plain
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
-from affmap.pipeline.job import all_stages, check_logger, check_models, check_trials, find, is_complete
+from affmap.pipeline.job import (
+    agents_without_models,
+    all_stages,
+    check_logger,
+    check_models,
+    check_trials,
+    find,
+    is_complete,
+)
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
 from affmap.store.files import locked
@@ -28,14 +36,14 @@ from hydra_plugins.hyperopt_sweeper import TrialError
 log = logging.getLogger("affmap")
 
 HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
-"""Hydra's own flags that print something and run nothing."""
+"""Hydra's flags that print something and run nothing."""
 
 IRRELEVANT = ("threads", "compiled", "versions", "logger", "store", "reference", "output", "title", "notice")
-"""Keys that change no result of a trial, or only its rounding."""
+"""Keys that change no result of a trial, or its rounding only."""
 
 
 def main() -> None:
-    """`affmap`: run what is not complete yet."""
+    """`affmap`: run the incomplete jobs of a sweep, or the missing trials of a search."""
     printing = HYDRA & {flag.partition("=")[0] for flag in flags()}
     if printing & {"--cfg", "-c"}:
         command(_check, known=flags())
@@ -46,8 +54,8 @@ def main() -> None:
 
 
 def _check(arguments: list[str]) -> None:
-    """Refuse to print a configuration that cannot be run."""
-    read_sweep([argument for argument in arguments if "=" in argument])  # else it belongs to a flag
+    """Validate a configuration before Hydra prints it."""
+    read_sweep([argument for argument in arguments if "=" in argument])  # others belong to a flag
 
 
 def _run(arguments: list[str]) -> None:
@@ -58,27 +66,27 @@ def _run(arguments: list[str]) -> None:
 
 
 def _run_search(search: Search) -> None:
-    """Make the trials of a search that have not been made."""
+    """Run the missing trials of a search."""
     check_output(search.config.output, ())
     check_logger(search.config)
-    sweep.note(search.config.output, search.overrides)
-    same = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
+    sweep.write_note(search.config.output, search.overrides)
+    irrelevant = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
     search.folder.mkdir(parents=True, exist_ok=True)
     try:
         with locked(search.folder / "search.lock", f"another command that searches in {search.folder}"):
-            problem = _launch(["-m", *search.overrides, same])
+            problem = _launch(["-m", *search.overrides, irrelevant])
     except TrialError as error:
         raise SweepError(str(error)) from None
     if problem:
-        raise SweepError("\n".join([*problem, "The same command goes on where this one stopped."]))
+        raise SweepError("\n".join([*problem, "Run the same command again to resume."]))
     print(f"{search.config.name}: the search is complete; affmap-report {shlex.join(sys.argv[1:])} draws it.")
 
 
 def _run_sweep(jobs: Sweep) -> None:
-    """Run what is not complete of a sweep.
+    """Run the incomplete jobs of a sweep.
 
     Raises:
-        SweepError: some of it is not complete afterwards.
+        SweepError: some are still incomplete afterwards.
     """
     first, count = jobs.first, len(jobs.configs)
     check_output(first.output, all_stages(jobs))
@@ -86,60 +94,62 @@ def _run_sweep(jobs: Sweep) -> None:
     print(f"{first.name}: {complete} of {count} settings are complete.", flush=True)
     if complete == count:
         for config in jobs.configs:
-            find(config)  # which looks at every file
+            find(config)  # verifies every file
         _run_companions(jobs)
         return
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
         check_logger(config)
-    sweep.note(first.output, jobs.overrides)
+    for kind in agents_without_models(jobs.configs):
+        print(f"agent={kind} flies without a model; the models are trained for the losses and maps of its report only.")
+    sweep.write_note(first.output, jobs.overrides)
     arguments = [*(["-m"] if sweep.is_sweep(jobs.overrides) else []), *jobs.overrides]
     problem = _launch(arguments)
     while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):
-        # A worker that was killed took the others with it, whose jobs are not to blame.
+        # A killed worker takes the others with it, whose jobs are not to blame.
         complete = now
         problem = _launch(arguments)
     failed = status.failures(status.jobs(jobs, check=True))
     if problem or failed:
         lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
-        more = f"All logs are in {first.output / 'jobs'}; the same command goes on where this one stopped."
+        more = f"All logs are in {first.output / 'jobs'}; run the same command again to resume."
         raise SweepError("\n".join([*lines, more]))
     _run_companions(jobs)
     print(f"{first.name}: all {count} settings are complete; affmap-report {shlex.join(sys.argv[1:])} draws them.")
 
 
 def _run_companions(jobs: Sweep) -> None:
-    """Run the sweeps that belong to a sweep: after it, because they share its models."""
+    """Run the sweeps that belong to a sweep, after it, because they share its models."""
     for companion in jobs.companions():
         _run_sweep(companion)
 
 
 def _launch(arguments: list[str]) -> list[str]:
-    """Let Hydra run the jobs of a command line; returns what its launcher stumbled over, in a sentence."""
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come here, and not as text to the terminal
-    given, sys.argv[1:] = sys.argv[1:], arguments
+    """Let Hydra run the jobs of a command line; returns an error of its launcher as a sentence, if there is one."""
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # raise exceptions rather than print them
+    original, sys.argv[1:] = sys.argv[1:], arguments
     try:
         _job()
-    except HydraException:  # which is a sentence already
+    except HydraException:  # a sentence already
         raise
     except Exception as error:
         log.debug("The launcher failed.", exc_info=error)
         return [f"The launcher stopped: {type(error).__name__}: {error}"]
     finally:
-        sys.argv[1:] = given
+        sys.argv[1:] = original
     return []
 
 
 @hydra.main(version_base="1.3", config_path=str(folder()), config_name="config")
 def _job(composed: DictConfig) -> float | list[float] | None:
-    """Run one job of a sweep, in whatever process its launcher has made; failures are reported in its log.
+    """Run one job of a sweep, in a worker of its launcher; failures are reported in its log.
 
-    A trial of a search returns its objective, and raises where it fails, for the sweeper.
+    A trial of a search returns its objective, or raises for the sweeper.
     """
     end_with_parent()
     try:
-        with ended_by_scheduler():
+        with sigterm_ends_process():
             from affmap.pipeline.execution import run, score  # torch takes seconds to import
 
             config = Config.checked(plain(composed), "the configuration")
@@ -148,8 +158,8 @@ def _job(composed: DictConfig) -> float | list[float] | None:
             run(config)
     except Exception as error:
         is_sentence = isinstance(error, (ConfigError, StoreError))
-        words = "This job failed: %s The same command goes on where it stopped."
-        log.error(words, str(error).rstrip(".") + ".", exc_info=not is_sentence)
+        message = "This job failed: %s Run the same command again to resume."
+        log.error(message, str(error).rstrip(".") + ".", exc_info=not is_sentence)
         if composed.get("objective"):
             raise
     return None

@@ -1,4 +1,4 @@
-"""The command `affmap-status`: the progress of sweeps and searches, with the time spent and left. Runs nothing."""
+"""The command `affmap-status`: the progress of sweeps and searches, with time spent and left. Runs nothing."""
 
 import sys
 from collections import Counter, defaultdict
@@ -19,11 +19,11 @@ from affmap.pipeline import status
 from affmap.pipeline.status import JobStatus, StageStatus
 from affmap.settings.messages import ConfigError
 
-COLORS = {"complete": "green", "running": "cyan", "failed": "red", "damaged": "red", "stopped": "yellow"}
+COLORS = {"complete": "green", "running": "cyan", "failed": "red", "corrupted": "red", "stopped": "yellow"}
 
 
 def main() -> None:
-    """`affmap-status`: how sweeps stand; of overrides, or of folders of reports, by default of all in `runs`."""
+    """`affmap-status`: the progress of sweeps, by overrides or by folders of reports; by default, of all in `runs`."""
     command(_status, about=main.__doc__)
 
 
@@ -41,49 +41,50 @@ def _status(arguments: list[str]) -> None:
     elif not folders:
         _show(arguments, console, set())
     problems: list[str] = []
-    shown: set[Path] = set()
+    outputs: set[Path] = set()
     for path in folders:
         try:
-            _show(sweep.noted(path), console, shown)
-        except (ConfigError, HydraException) as error:  # the others can be told
+            _show(sweep.read_note(path), console, outputs)
+        except (ConfigError, HydraException) as error:  # go on with the others
             problems.append(f"{path}: {error}")
     if problems:
         raise ConfigError("\n".join(problems))
 
 
-def _show(line: list[str], console: Console, shown: set[Path]) -> None:
-    """Print the status of a search, or of a sweep and those that belong to it, but for those `shown` before."""
+def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
+    """Print the status of a search, or of a sweep and its companions, and add them to `outputs`, which are skipped."""
     if search := Search.read(line):
-        made = f"{search.num_complete} of {search.num_trials} trials complete"
-        console.print(f"{search.config.title} ({search.config.output}): {made}", markup=False)
+        progress = f"{search.num_complete} of {search.num_trials} trials complete"
+        console.print(f"{search.config.title} ({search.config.output}): {progress}", markup=False)
         return
-    swept = read_sweep(line)
-    for part in (swept, *swept.companions()):
-        if part.first.output in shown:
+    main_sweep = read_sweep(line)
+    for part in (main_sweep, *main_sweep.companions()):
+        if part.first.output in outputs:
             continue
-        shown.add(part.first.output)
+        outputs.add(part.first.output)
         jobs = status.jobs(part)
         console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}", markup=False)
         console.print(table(jobs))
-        for failure in status.failures(job for job in jobs if job.state in ("failed", "damaged")):
+        for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted")):
             console.print(failure, markup=False)
 
 
 MAX_ROWS = 50
-"""Of a table that shows all settings; longer ones leave out those that are complete or missing."""
+"""Most rows of a table of all settings; longer ones omit those that are complete or missing."""
 
 
 def table(jobs: Sequence[JobStatus]) -> Table:
-    """One row a setting: its state, the stage that it is at, the time spent and left.
+    """A row for each setting: state, current stage, time spent and left.
 
-    Of many settings only those that are running, have stopped or failed.
+    Of many settings, only those that are running, have stopped or failed.
     """
     expected = _typical(jobs)
-    listed = [each for each in jobs if len(jobs) <= MAX_ROWS or each.state not in ("complete", "missing")]
     rows = Table("setting", "state", "stage", box=SIMPLE_HEAD, pad_edge=False)
     rows.add_column("spent", justify="right")
     rows.add_column("left", justify="right")
-    for job in listed:
+    for job in jobs:
+        if len(jobs) > MAX_ROWS and job.state in ("complete", "missing"):
+            continue
         current = job.current
         rows.add_row(
             job.label,
@@ -100,7 +101,7 @@ def _stage(part: StageStatus) -> str:
 
 
 def summary(jobs: Sequence[JobStatus]) -> str:
-    """How many settings are in which state, and what all together took and will take."""
+    """Numbers of settings by state, and total time spent and left."""
     counts = Counter(job.state for job in jobs)
     rest = [f"{count} {name}" for name, count in counts.items() if name != "complete"]
     parts = _distinct(jobs)
@@ -111,7 +112,7 @@ def summary(jobs: Sequence[JobStatus]) -> str:
 
 
 def _distinct(jobs: Sequence[JobStatus]) -> list[StageStatus]:
-    """All stages, once each: settings share some."""
+    """All stages, once each, since settings share some."""
     return list({(part.name, part.digest): part for job in jobs for part in job.parts}.values())
 
 
@@ -125,7 +126,7 @@ def _typical(jobs: Sequence[JobStatus]) -> dict[str, float]:
 
 
 def _left(parts: Sequence[StageStatus], expected: dict[str, float]) -> float | None:
-    """Seconds that stages still take: as they go now, or as others of their kind; None where nothing tells."""
+    """Estimate of the remaining seconds, from a stage's own pace or others of its kind; None if unknown."""
     total = 0.0
     for part in parts:
         if part.state.name == "complete":
@@ -140,7 +141,7 @@ def _left(parts: Sequence[StageStatus], expected: dict[str, float]) -> float | N
 
 
 def duration(seconds: float | None) -> str:
-    """Hours, minutes and seconds; a question mark where it is not known."""
+    """Hours, minutes and seconds; a question mark if unknown."""
     if seconds is None:
         return "?"
     minutes, rest = divmod(round(seconds), 60)

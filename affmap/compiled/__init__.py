@@ -1,7 +1,7 @@
-"""Compiled loops over NumPy arrays (numba): where the time goes, without the time between PyTorch's calls.
+"""Compiled loops over NumPy arrays (numba), for the inner loops: they avoid the overhead of PyTorch's calls.
 
-Each has its reference elsewhere, in PyTorch or NumPy, which takes its place where numba is not installed, and in a
-process that has switched them off.
+Each has a reference elsewhere, in PyTorch or NumPy, which replaces it where numba is not installed or compiled loops
+are switched off.
 """
 
 import os
@@ -10,20 +10,20 @@ from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
 
-_wanted = True
+_switch = True
 
 
-def use(wanted: bool) -> None:
+def use(switch: bool) -> None:
     """Switch the compiled loops of this process on (where numba is installed) or off."""
-    global _wanted
-    _wanted = wanted
+    global _switch
+    _switch = switch
 
 
 @contextmanager
-def switched(wanted: bool) -> Iterator[None]:
+def switched(switch: bool) -> Iterator[None]:
     """Use compiled loops or not, inside a `with` statement or a decorated function."""
-    before = _wanted
-    use(wanted)
+    before = _switch
+    use(switch)
     try:
         yield
     finally:
@@ -31,8 +31,8 @@ def switched(wanted: bool) -> Iterator[None]:
 
 
 def enabled() -> bool:
-    """Whether compiled loops are to be used: numba is installed, and nobody has switched them off."""
-    return _wanted and installed()
+    """Whether compiled loops are used: numba is installed, and they are not switched off."""
+    return _switch and installed()
 
 
 @cache

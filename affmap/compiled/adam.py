@@ -15,10 +15,10 @@ f32 = np.float32
 
 
 class Adam(NamedTuple):
-    """Numbers of an update; where there is no vision model, its own mean nothing."""
+    """Numbers of an update; those of the vision model have no meaning without one."""
 
     step: int
-    """Which update it is, from 1."""
+    """Number of the update, from 1."""
     mean_decay: float
     square_decay: float
     eps: float
@@ -30,7 +30,7 @@ class Adam(NamedTuple):
 
 @inlined
 def clip(gradient: Any, count: int, max_norm: Any) -> None:
-    """Scale the first `count` numbers of a gradient, so that their norm is at most `max_norm`; zeros fill up eights.
+    """Scale the first `count` numbers of a gradient to a norm of at most `max_norm`; the rest is padding.
 
     All become NaN where one is.
     """

@@ -1,8 +1,8 @@
 """The vision model in one pass over each view: position -> pixels as bits -> context code.
 
 The reference is `affmap.view` with `affmap.model.vision`. The first convolution is read from a table: a channel of its
-kernel sees 3 x 3 pixels, which can be 512 different pictures. Codes differ from PyTorch's by what rounding makes of
-another order of additions, and do not depend on what else is looked up.
+kernel sees 3 x 3 pixels, which can be 512 different pictures. Codes differ from PyTorch's by the rounding of another
+order of additions, and do not depend on other look-ups.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from affmap.compiled.lanes import WIDTH, at_least, fma, load, splat, store
 from affmap.compiled.views import paint
 
 PICTURES = 512
-"""Of 3 x 3 pixels; pixel n is bit n."""
+"""Number of pictures of 3 x 3 pixels; pixel n is bit n."""
 
 PLACES, PER_SIDE = 9, 4
 """Along a view's side: of the first convolution's kernel, and of the windows that are pooled."""
@@ -84,7 +84,7 @@ def encode(
     hidden3: np.ndarray,
     code: np.ndarray,
 ) -> None:
-    """One member's code of the view in `rows` `[K, 11]`; its weights flat, and memory for what is in between."""
+    """One member's code of the view in `rows` `[K, 11]`; its weights flat, and buffers between layers."""
     num_features = len(bias2) // 8
     _pool(rows, pictures, num_features, convolved, features)
     for first in range(0, PER_SIDE**2 * num_features, WIDTH):
@@ -114,7 +114,7 @@ def codes_at(
     """Write the codes `[M, P, C]` of the views at each member's `positions` `[M, P, 2]` (u).
 
     Positions outside of the arena count as the nearest ones inside it. The first arguments are those of a
-    `affmap.view.Scene`, the next ones those of `affmap.model.direct.Weights`.
+    `affmap.view.LayoutArrays`, the next ones those of `affmap.model.direct.Weights`.
     """
     rows, squares = np.empty((pictures.shape[1] // PICTURES, len(offsets)), np.uint64), np.empty_like(offsets)
     place, code = np.empty_like(size), np.empty_like(bias4[0])

@@ -10,10 +10,10 @@ FACTOR = np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing: 2 ** 64 / golden ra
 @inlined
 def _differ(words: np.ndarray, one: int, other: int) -> bool:
     """Whether two rows differ."""
-    different = False
+    differ = False
     for word in range(words.shape[1]):
-        different |= words[one, word] != words[other, word]
-    return different
+        differ |= words[one, word] != words[other, word]
+    return differ
 
 
 @compiled

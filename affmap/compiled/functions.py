@@ -1,4 +1,4 @@
-"""Powers, logarithms and what models make of them, of vectors of eight floats.
+"""Powers, logarithms and the activation functions of models, for vectors of eight floats.
 
 Minimax polynomials, without the tables and branches of a library: errors are near those of rounding.
 """
@@ -46,7 +46,7 @@ def exp2(x: Any) -> Any:
 
 @inlined
 def _exp2(x: Any) -> Any:
-    """The same from -125 to 126."""
+    """2 to the power of each number from -125 to 126, to 1e-7 of it."""
     magic = splat(np.float32(3 * 2**22))  # a float of this size has no digits behind the point
     shifted = x + magic
     part = x - (shifted - magic)
@@ -105,13 +105,13 @@ def log(x: Any) -> Any:
 
 @inlined
 def sigmoid(x: Any) -> Any:
-    """1 / (1 + 2^x); 2^-30 for what is less."""
+    """1 / (1 + 2^x), at least 2^-30."""
     return splat(np.float32(1)) / _one_and_power(x)
 
 
 @inlined
 def sigmoids(a: Any, b: Any, c: Any, d: Any) -> Any:
-    """1 / (1 + 2^x) of four vectors, with a single division; 2^-30 for what is less."""
+    """1 / (1 + 2^x) of four vectors, at least 2^-30, with a single division."""
     a, b, c, d = _one_and_power(a), _one_and_power(b), _one_and_power(c), _one_and_power(d)
     ab, cd = a * b, c * d
     inverse = splat(np.float32(1)) / (ab * cd)  # at most 2^120

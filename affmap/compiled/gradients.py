@@ -11,7 +11,7 @@ import numpy as np
 from affmap.compiled.functions import exp2, log, sigmoid
 from affmap.compiled.jit import compiled, inlined
 from affmap.compiled.lanes import WIDTH, broadcast, fma, keep, load, pointer, splat, store, store_totals
-from affmap.compiled.lookups import bound, look_up, map_slopes
+from affmap.compiled.lookups import look_up, map_slopes, select
 from affmap.compiled.problems import INPUTS, LOG_2_PI_E, Array, Desired, Maps, Scenes, Start, Weights
 
 f32 = np.float32
@@ -31,7 +31,7 @@ class _Weights(NamedTuple):
 
 
 class _Tape(NamedTuple):
-    """What is remembered of a path, for the way back."""
+    """Records of a path, for the backward pass."""
 
     mean: Any
     """`[H, 2]`"""
@@ -46,13 +46,13 @@ class _Tape(NamedTuple):
     hidden: Any
     """`[H, U]`"""
     cell: Any
-    """`[H, 2]`, where between the nodes of the map, in [0, 1]; below 0 where no gradient flows."""
+    """`[H, 2]`, position between the nodes of the map, in [0, 1]; below 0 where no gradient flows."""
     node: Any
     """`[H]`, the node below."""
     slope: Any
     """`[U]`, gradient of the hidden units' inputs."""
     gradient: Any
-    """`[I]`, gradient of the inputs, filled up to whole vectors."""
+    """`[I]`, gradient of the inputs, padded to whole vectors."""
 
 
 @compiled
@@ -75,11 +75,11 @@ def gradients(
     num_problems, num_candidates, horizon, _ = actions.shape
     num_members, num_blocks, num_inputs, _ = weights.hidden.shape
     steps = (horizon + WIDTH - 1) // WIDTH * WIDTH
-    filled = (num_inputs - INPUTS + WIDTH - 1) // WIDTH * WIDTH + INPUTS + 2  # whole vectors of four
-    buffers = np.zeros(9 * steps + horizon * (filled + (num_blocks + 1) * WIDTH) + filled + WIDTH, f32)
+    stride = (num_inputs - INPUTS + WIDTH - 1) // WIDTH * WIDTH + INPUTS + 2  # whole vectors of four
+    buffers = np.zeros(9 * steps + horizon * (stride + (num_blocks + 1) * WIDTH) + stride + WIDTH, f32)
     nodes = np.empty(horizon, np.int64)
     cells = np.empty(2 * horizon, f32)
-    units = 9 * steps + horizon * filled
+    units = 9 * steps + horizon * stride
     slope = units + horizon * num_blocks * WIDTH
     tape = _Tape(
         pointer(buffers),
@@ -96,8 +96,8 @@ def gradients(
     for b in range(num_problems):
         m = b * num_members // num_problems
         hidden, output, bias = pointer(weights.hidden[m]), pointer(weights.output[m]), pointer(weights.bias[m])
-        own = _Weights(hidden, output, bias, num_blocks, num_inputs, filled)
-        seen = bound(lookup, b, num_problems)
+        own = _Weights(hidden, output, bias, num_blocks, num_inputs, stride)
+        source = select(lookup, b, num_problems)
         std, goal_x, goal_y = goal_std[b], goal[b, 0], goal[b, 1]
         constant = f32(2) * np.log(std) - f32(1) + beta * LOG_2_PI_E
         precision = f32(1) / (std * std)
@@ -111,24 +111,24 @@ def gradients(
                     slopes[k] = f32(0)
                 continue
             begin = start.position[b, 0], start.position[b, 1], start.delta[b, 0], start.delta[b, 1]
-            _forward(own, seen, tape, path, begin, horizon, steps)
+            _forward(own, source, tape, path, begin, horizon, steps)
             total = f32(0)
             for t in range(horizon):
                 x, y = tape.mean[2 * t] - goal_x, tape.mean[2 * t + 1] - goal_y
                 spread = x * x + y * y + tape.variance[t] + tape.variance[steps + t]
                 total += f32(0.5) * precision * spread + factor * (tape.logarithm[t] + tape.logarithm[steps + t])
             result[b, n] = total / f32(horizon) + constant
-            _backward(own, seen, tape, slopes, goal_x, goal_y, precision, factor, horizon, steps, through_map)
+            _backward(own, source, tape, slopes, goal_x, goal_y, precision, factor, horizon, steps, through_map)
     keep(buffers)
     keep(nodes)
     keep(cells)
 
 
 @inlined
-def _forward(own: _Weights, seen: Any, tape: _Tape, path: Any, begin: Any, horizon: int, steps: int) -> None:
-    """Imagine a path and remember it; it begins at a position after a change of position."""
+def _forward(own: _Weights, source: Any, tape: _Tape, path: Any, begin: Any, horizon: int, steps: int) -> None:
+    """Imagine a path and record it; it begins at a position after a change of position."""
     x, y, dx, dy = begin
-    outputs = tape.gradient  # free until the way back
+    outputs = tape.gradient  # free until the backward pass
     for t in range(horizon):
         inputs = t * own.stride
         tape.inputs[inputs] = dx
@@ -136,7 +136,7 @@ def _forward(own: _Weights, seen: Any, tape: _Tape, path: Any, begin: Any, horiz
         for k in range(4):
             tape.inputs[inputs + 2 + k] = path[4 * t + k]
         if own.num_inputs > INPUTS:
-            look_up(seen, tape, x, y, t, inputs + INPUTS)
+            look_up(source, tape, x, y, t, inputs + INPUTS)
         _hidden_units(own, tape, t, inputs)
         _outputs(own, tape, t, outputs)
         dx, dy = outputs[0] + own.bias[0], outputs[1] + own.bias[1]
@@ -186,7 +186,7 @@ def _outputs(own: _Weights, tape: _Tape, t: int, outputs: Any) -> None:
 @inlined
 def _backward(
     own: _Weights,
-    seen: Any,
+    source: Any,
     tape: _Tape,
     slopes: Any,
     goal_x: f32,
@@ -221,7 +221,7 @@ def _backward(
         for k in range(4):
             slopes[4 * t + k] = gradient[2 + k]
         if through_map:
-            along_x, along_y = map_slopes(seen, own, tape, t)
+            along_x, along_y = map_slopes(source, own, tape, t)
             x += along_x
             y += along_y
 

@@ -32,7 +32,7 @@ f32 = np.float32
 
 
 class _Memory(NamedTuple):
-    """Addresses: weights, codes, and numbers of the present problem; P is its number of paths, whole vectors."""
+    """Addresses: weights, codes, and numbers of the current problem; P is its number of paths, whole vectors."""
 
     hidden: Any
     output: Any
@@ -41,7 +41,7 @@ class _Memory(NamedTuple):
     actions: Any
     """`[H * 4, P]`"""
     mean: Any
-    """`[2, P]`, positions now."""
+    """`[2, P]`, current positions."""
     variance: Any
     """`[2, P]`"""
     delta: Any
@@ -158,7 +158,7 @@ def _memory(weights: Weights, maps: Maps, buffers: Array, sizes: _Sizes, horizon
 
 @inlined
 def _begin(memory: _Memory, sizes: _Sizes, start: Start, actions: Array, b: int) -> None:
-    """Put all paths of problem b where they start; actions of one step become neighbours."""
+    """Put all paths of problem b at their start; actions of one step become neighbours."""
     zero = splat(f32(0))
     for p in range(0, 2 * sizes.paths, WIDTH):
         d = p // sizes.paths
@@ -290,9 +290,9 @@ def _look_up(memory: _Memory, sizes: _Sizes, world: int, x: Any, y: Any) -> None
 
 @inlined
 def _cell(x: Any, num_nodes: int) -> Any:
-    """Where between two nodes coordinates (in nodes) are, in [0, 1], and the number of the node below them."""
+    """Positions of coordinates (in nodes) between two nodes, in [0, 1], and the number of the node below."""
     zero = splat(f32(0))
-    # What is no number finds a code at the border; its path is no number already.
+    # NaN finds a code at the border; its path is NaN already.
     x = at_most(where_less(zero, x, x, zero), splat(f32(num_nodes - 1)))
     below = at_most(floor(x), splat(f32(num_nodes - 2)))
     return x - below, below

@@ -27,7 +27,7 @@ _SOURCES = _sources()
 
 
 class _Cache(FunctionCache):
-    """Compiled code on disk that belongs to all code of this folder; what cannot be read or written is no error."""
+    """A cache of compiled code on disk, valid for all code of this folder; failures to read or write are ignored."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -36,7 +36,7 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # whatever a damaged file leads to
+        except Exception:  # a corrupted file may raise anything
             self.flush()
             return None
 

@@ -96,7 +96,7 @@ def pointer(typing: Any, array: Any) -> Any:
 
 @intrinsic
 def keep(typing: Any, array: Any) -> Any:
-    """Use an array, so that its memory is not given back before."""
+    """Use an array, so that its memory is not freed before."""
     return types.none(array), lambda context, builder, sig, args: context.get_dummy_value()
 
 

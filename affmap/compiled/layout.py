@@ -1,7 +1,7 @@
-"""Where the parameters of a model stand in the matrices that compiled loops multiply.
+"""Places of a model's parameters in the matrices that compiled loops multiply.
 
-A layer is a matrix `[inputs, outputs]`; the transposed one takes gradients back. Numbers of features are filled up to
-eights, because a vector holds so many: with zeros, which change nothing.
+A layer is a matrix `[inputs, outputs]`; the transposed one takes gradients back. Features are padded with zeros to
+multiples of eight, the length of a vector.
 """
 
 from typing import Any, NamedTuple
@@ -16,22 +16,22 @@ NUM_INPUTS, NUM_OUTPUTS = 6, 4
 """Inputs of the perceptron before the code (change of position, throttles); outputs (means, log-deviations)."""
 
 NUM_TAPS, NUM_PLACES = 9, 4
-"""Of a 3 x 3 convolution: inputs of a place, places on 4 x 4 windows."""
+"""Sizes of a 3 x 3 convolution: inputs of a place, places on 4 x 4 windows."""
 
 
 class Widths(NamedTuple):
-    """Features of each layer, filled up to eights; but `channels`."""
+    """Features of each layer, padded to multiples of eight except for `channels`."""
 
     pixels: int
-    """Of a patch, all channels of the view together."""
+    """Pixels of a patch, all channels of the view together."""
     channels: int
-    """q, channels of the first convolution, at most 8, as they are; filled up they are a vector."""
+    """q, channels of the first convolution, at most 8; padded they are a vector."""
     columns: int
     """Inputs of the second convolution at one place: its 9 taps of q channels."""
     second: int
     """Channels of the second convolution."""
     hidden: int
-    """Of the first linear layer."""
+    """Outputs of the first linear layer."""
     code: int
     """The context code; 0: there is no vision model."""
     units: int
@@ -39,10 +39,10 @@ class Widths(NamedTuple):
 
 
 class Parameters(NamedTuple):
-    """A flat array for each parameter, or `[M, numbers]`; those of the vision model are empty where there is none."""
+    """A flat array for each parameter, or `[M, numbers]`; those of the vision model are empty if there is none."""
 
     hidden: Any
-    """Of the perceptron: the weights of inputs, then those of the code."""
+    """Weights of the perceptron's inputs, then those of the code."""
     output: Any
     output_bias: Any
     conv1: Any
@@ -62,15 +62,17 @@ class Layout(NamedTuple):
     straight: Parameters
     """The place of each number in its matrix `[inputs, outputs]`."""
     turned: Parameters
-    """The same in the transposed matrix."""
+    """The place of each number in the transposed matrix."""
     sizes: Parameters
-    """Of the matrices, numbers in place of arrays."""
+    """Sizes of the matrices, numbers in place of arrays."""
 
 
 def layout(pixels: int, channels: int, hidden: int, code: int, units: int) -> Layout:
-    """Lay out models with so many features."""
-    q, second = channels, filled(2 * channels)
-    widths = Widths(filled(pixels), q, filled(NUM_TAPS * q), second, filled(hidden), filled(code), filled(units))
+    """The layout of models with given numbers of features."""
+    q, second = channels, round_up(2 * channels)
+    widths = Widths(
+        round_up(pixels), q, round_up(NUM_TAPS * q), second, round_up(hidden), round_up(code), round_up(units)
+    )
     parts = [_perceptron_inputs(code, units), _matrix(*np.indices((units, NUM_OUTPUTS))), _bias(NUM_OUTPUTS)]
     if code:
         channel, pixel = np.indices((q, pixels))
@@ -86,23 +88,23 @@ def layout(pixels: int, channels: int, hidden: int, code: int, units: int) -> La
     return Layout(widths, Parameters(*straight), Parameters(*turned), Parameters(*sizes))
 
 
-def filled(count: int) -> int:
+def round_up(count: int) -> int:
     """The next multiple of eight."""
     return -(-count // WIDTH) * WIDTH
 
 
 Places = tuple[NDArray[np.int64], NDArray[np.int64], int]
-"""Of a parameter's numbers in the matrix, in the transposed one, and the size of both."""
+"""Places of a parameter's numbers in the matrix, in the transposed one, and the size of both."""
 
 
 def _matrix(inputs: NDArray[np.int64], outputs: NDArray[np.int64]) -> Places:
     """The places of weights that connect these inputs and outputs."""
-    rows, columns = filled(inputs.max() + 1), filled(outputs.max() + 1)
+    rows, columns = round_up(inputs.max() + 1), round_up(outputs.max() + 1)
     return (inputs * columns + outputs).ravel(), (outputs * rows + inputs).ravel(), rows * columns
 
 
 def _bias(outputs: int) -> Places:
-    return np.arange(outputs), np.arange(outputs), filled(outputs)
+    return np.arange(outputs), np.arange(outputs), round_up(outputs)
 
 
 def _perceptron_inputs(code: int, units: int) -> Places:

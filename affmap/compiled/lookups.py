@@ -1,7 +1,7 @@
 """The code at a position, from an affordance map or from the view itself, and its gradient on the way back.
 
-Compiled code takes the kind of look-up from the type of its arguments. A tape remembers what the gradient needs; see
-`affmap.compiled.gradients`.
+Compiled code takes the kind of look-up from the type of its arguments. A tape records intermediate values for the
+gradient; see `affmap.compiled.gradients`.
 """
 
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ class Grid(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """A member's vision model and the world that it sees, with memory for what is between layers."""
+    """A member's vision model and the layout that it sees, with buffers between layers."""
 
     offsets: Array
     size: Array
@@ -54,33 +54,33 @@ def _overloaded(function: Any) -> Any:
     return overload(function, jit_options={"forceinline": True, "error_model": "numpy"}, strict=False)
 
 
-def bound(lookup: Any, b: int, num_problems: int) -> Any:
+def select(lookup: Any, b: int, num_problems: int) -> Any:
     """Return the look-up of problem b."""
 
 
-def look_up(seen: Any, tape: Any, x: f32, y: f32, t: int, inputs: int) -> None:
-    """Write the code at a position into the inputs of step t, and remember what its gradient needs."""
+def look_up(source: Any, tape: Any, x: f32, y: f32, t: int, inputs: int) -> None:
+    """Write the code at a position into the inputs of step t, and record values for its gradient."""
 
 
-def map_slopes(seen: Any, own: Any, tape: Any, t: int) -> Any:
+def map_slopes(source: Any, own: Any, tape: Any, t: int) -> Any:
     """Return gradients of the position that was looked up, from those of its code."""
 
 
-@_overloaded(bound)
-def _bound(lookup: Any, b: Any, num_problems: Any) -> Any:
+@_overloaded(select)
+def _typed_select(lookup: Any, b: Any, num_problems: Any) -> Any:
     if lookup.instance_class is Maps:
         return _grid
     return _sight
 
 
 @_overloaded(look_up)
-def _typed_look_up(seen: Any, tape: Any, x: Any, y: Any, t: Any, inputs: Any) -> Any:
-    return _interpolate if seen.instance_class is Grid else _see
+def _typed_look_up(source: Any, tape: Any, x: Any, y: Any, t: Any, inputs: Any) -> Any:
+    return _interpolate if source.instance_class is Grid else _see
 
 
 @_overloaded(map_slopes)
-def _typed_map_slopes(seen: Any, own: Any, tape: Any, t: Any) -> Any:
-    return _grid_slopes if seen.instance_class is Grid else _no_slopes
+def _typed_map_slopes(source: Any, own: Any, tape: Any, t: Any) -> Any:
+    return _grid_slopes if source.instance_class is Grid else _no_slopes
 
 
 def _grid(lookup: Maps, b: int, num_problems: int) -> Grid:
@@ -89,46 +89,46 @@ def _grid(lookup: Maps, b: int, num_problems: int) -> Grid:
     return Grid(codes, rows, columns, num_codes, lookup.scale[0], lookup.scale[1])
 
 
-def _interpolate(seen: Grid, tape: Any, x: f32, y: f32, t: int, inputs: int) -> None:
+def _interpolate(source: Grid, tape: Any, x: f32, y: f32, t: int, inputs: int) -> None:
     """The code at a position, between four nodes."""
-    u, v = _cell(x * seen.scale_x, seen.columns), _cell(y * seen.scale_y, seen.rows)
-    i, j = min(int(u), seen.columns - 2), min(int(v), seen.rows - 2)
-    node = (j * seen.columns + i) * seen.num_codes
+    u, v = _cell(x * source.scale_x, source.columns), _cell(y * source.scale_y, source.rows)
+    i, j = min(int(u), source.columns - 2), min(int(v), source.rows - 2)
+    node = (j * source.columns + i) * source.num_codes
     tape.node[t] = node
-    inside_x, inside_y = f32(0) < u < f32(seen.columns - 1), f32(0) < v < f32(seen.rows - 1)
+    inside_x, inside_y = f32(0) < u < f32(source.columns - 1), f32(0) < v < f32(source.rows - 1)
     u, v = u - f32(i), v - f32(j)
     tape.cell[2 * t] = u if inside_x else -f32(1) - u
     tape.cell[2 * t + 1] = v if inside_y else -f32(1) - v
     along_x, along_y = splat(u), splat(v)
-    row = seen.columns * seen.num_codes
-    for c in range(node, node + seen.num_codes, WIDTH):
-        low, high = load(seen.codes, c), load(seen.codes, c + row)
-        low = fma(load(seen.codes, c + seen.num_codes) - low, along_x, low)
-        high = fma(load(seen.codes, c + row + seen.num_codes) - high, along_x, high)
+    row = source.columns * source.num_codes
+    for c in range(node, node + source.num_codes, WIDTH):
+        low, high = load(source.codes, c), load(source.codes, c + row)
+        low = fma(load(source.codes, c + source.num_codes) - low, along_x, low)
+        high = fma(load(source.codes, c + row + source.num_codes) - high, along_x, high)
         store(tape.inputs, inputs + c - node, fma(high - low, along_y, low))
 
 
 @inlined
 def _cell(x: f32, num_nodes: int) -> f32:
-    """A coordinate (in nodes) moved into the map; what is no number, to its border."""
+    """A coordinate (in nodes) moved into the map; NaN to its border."""
     return min(x, f32(num_nodes - 1)) if x > f32(0) else f32(0)
 
 
-def _grid_slopes(seen: Grid, own: Any, tape: Any, t: int) -> Any:
+def _grid_slopes(source: Grid, own: Any, tape: Any, t: int) -> Any:
     """Gradients of the position that was looked up, from those of its code."""
     u, v = tape.cell[2 * t], tape.cell[2 * t + 1]
     inside_x, inside_y = u >= f32(0), v >= f32(0)
     u, v = u if inside_x else -f32(1) - u, v if inside_y else -f32(1) - v
-    node, row, stride = tape.node[t], seen.columns * seen.num_codes, seen.num_codes
+    node, row, stride = tape.node[t], source.columns * source.num_codes, source.num_codes
     along_x = along_y = f32(0)
     for c in range(own.num_inputs - INPUTS):
         k = node + c
-        low, high = seen.codes[k + stride] - seen.codes[k], seen.codes[k + row + stride] - seen.codes[k + row]
-        left, right = seen.codes[k + row] - seen.codes[k], seen.codes[k + row + stride] - seen.codes[k + stride]
+        low, high = source.codes[k + stride] - source.codes[k], source.codes[k + row + stride] - source.codes[k + row]
+        left, right = source.codes[k + row] - source.codes[k], source.codes[k + row + stride] - source.codes[k + stride]
         slope = tape.gradient[INPUTS + c]
         along_x += slope * (low + v * (high - low))
         along_y += slope * (left + u * (right - left))
-    return along_x * seen.scale_x if inside_x else f32(0), along_y * seen.scale_y if inside_y else f32(0)
+    return along_x * source.scale_x if inside_x else f32(0), along_y * source.scale_y if inside_y else f32(0)
 
 
 def _sight(lookup: Scenes, b: int, num_problems: int) -> Sight:
@@ -160,25 +160,25 @@ def _sight(lookup: Scenes, b: int, num_problems: int) -> Sight:
     )
 
 
-def _see(seen: Sight, tape: Any, x: f32, y: f32, t: int, inputs: int) -> None:
-    seen.place[0] = min(max(x, f32(0)), seen.size[0])
-    seen.place[1] = min(max(y, f32(0)), seen.size[1])
+def _see(source: Sight, tape: Any, x: f32, y: f32, t: int, inputs: int) -> None:
+    source.place[0] = min(max(x, f32(0)), source.size[0])
+    source.place[1] = min(max(y, f32(0)), source.size[1])
     paint(
-        seen.place,
-        seen.offsets,
-        seen.size,
-        seen.border_channel,
-        seen.circles,
-        seen.channels,
-        seen.squares,
-        seen.rows,
+        source.place,
+        source.offsets,
+        source.size,
+        source.border_channel,
+        source.circles,
+        source.channels,
+        source.squares,
+        source.rows,
     )
-    pictures, weight2, bias2, weight3, bias3, weight4, bias4 = seen.weights
-    between = seen.convolved, seen.features, seen.hidden2, seen.hidden3
-    encode(seen.rows, pictures, weight2, bias2, weight3, bias3, weight4, bias4, *between, seen.code)
-    for c in range(0, len(seen.code), WIDTH):
-        store(tape.inputs, inputs + c, load(seen.code, c))
+    pictures, weight2, bias2, weight3, bias3, weight4, bias4 = source.weights
+    between = source.convolved, source.features, source.hidden2, source.hidden3
+    encode(source.rows, pictures, weight2, bias2, weight3, bias3, weight4, bias4, *between, source.code)
+    for c in range(0, len(source.code), WIDTH):
+        store(tape.inputs, inputs + c, load(source.code, c))
 
 
-def _no_slopes(seen: Sight, own: Any, tape: Any, t: int) -> Any:
+def _no_slopes(source: Sight, own: Any, tape: Any, t: int) -> Any:
     return f32(0), f32(0)

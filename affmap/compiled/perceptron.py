@@ -1,6 +1,6 @@
 """The transition model of one member on samples, its loss, and both backwards.
 
-`TransitionModel.unroll` and `affmap.gaussian.nll` are its reference. Samples are ordered by the views that they show:
+`MLP.unroll` and `affmap.gaussian.nll` are its reference. Samples are ordered by the views that they show:
 the share of a code in the hidden units is computed once a view. A vector holds features.
 """
 

@@ -1,4 +1,4 @@
-"""The physics of `affmap.env.physics` for many vehicles side by side: what Box2D does with a disc, in one loop nest.
+"""The physics of `affmap.env.physics` for many vehicles side by side: Box2D's treatment of a disc, in one loop nest.
 
 In free flight it is Box2D's up to rounding. In contact it takes Box2D's steps, too: velocities are turned along the
 surfaces, positions pushed out of them, and a fast vehicle is stopped at a surface and slides for the rest of the step
@@ -49,10 +49,10 @@ class Body(NamedTuple):
 
 
 class Worlds(NamedTuple):
-    """W worlds, float64; those with fewer things are filled up with distances of -inf, which nothing is below."""
+    """W worlds, float64; those with fewer things are padded with distances of -inf, which nothing is below."""
 
     solids: Array
-    """`[W, S, 5]`, what the vehicle can touch: a point, whether its distance counts along x and along y (a circle has
+    """`[W, S, 5]`, solid things: a point, whether its distance counts along x and along y (a circle has
     both, a border one of them), and the distance of the vehicle's centre below which it touches, u."""
     fields: Array
     """`[W, F, 5]`: centre, the distance from it below which a field acts (u), and the direction of its pull."""
@@ -109,7 +109,7 @@ def find_fog(fog: Array, world: Array, position: Array, result: Array) -> None:
 
 @inlined
 def _force(body: Body, fields: Array, x: float, y: float, action: Array) -> Any:
-    """Of the throttles and the fields, N."""
+    """The force of throttles and fields, N."""
     force_x = force_y = 0.0
     for k in range(4):
         force_x += body.thrust * action[k] * body.throttles[k, 0]
@@ -134,11 +134,11 @@ def _step(
     contacts: Array,
     impulses: Array,
 ) -> Any:
-    """Position (u) and velocity (u/s) after a step (b2World::Step); `contacts`, `impulses` are room to work in."""
+    """Position (u) and velocity (u/s) after a step (b2World::Step); `contacts` and `impulses` are buffers."""
     dt = body.time_step
     touching = _find_contacts(solids, x, y, contacts)
-    kept = max(1 - dt * (body.contact_damping if touching else body.damping), 0.0)
-    speed_x, speed_y = (speed_x + dt * force_x / body.mass) * kept, (speed_y + dt * force_y / body.mass) * kept
+    scale = max(1 - dt * (body.contact_damping if touching else body.damping), 0.0)
+    speed_x, speed_y = (speed_x + dt * force_x / body.mass) * scale, (speed_y + dt * force_y / body.mass) * scale
     speed_x, speed_y = _deflect(solids, contacts, touching, impulses, body.velocity_iterations, speed_x, speed_y)
     new_x, new_y, speed_x, speed_y = _move(x, y, speed_x, speed_y, dt)
     new_x, new_y = _push_out(
@@ -190,7 +190,7 @@ def _find_contacts(solids: Array, x: float, y: float, contacts: Array) -> int:
 def _deflect(
     solids: Array, contacts: Array, touching: int, impulses: Array, iterations: int, speed_x: float, speed_y: float
 ) -> Any:
-    """The velocity without its part into what is touched, by impulses that push and never pull."""
+    """The velocity without its part into touched things, by impulses that push and never pull."""
     impulses[:touching] = 0.0
     for _ in range(iterations if touching else 0):
         for c in range(touching):
@@ -214,7 +214,7 @@ def _move(x: float, y: float, speed_x: float, speed_y: float, duration: float) -
 def _push_out(
     solids: Array, contacts: Array, touching: int, share: float, enough: float, iterations: int, x: float, y: float
 ) -> Any:
-    """The position, moved out of what was touched until it overlaps nothing by more than `enough` (u)."""
+    """The position, moved out of touched things until it overlaps nothing by more than `enough` (u)."""
     for _ in range(iterations if touching else 0):
         deepest = 0.0
         for c in range(touching):
@@ -244,13 +244,13 @@ def _first_impact(solids: Array, x: float, y: float, new_x: float, new_y: float)
 
 @compiled
 def _impact(solids: Array, s: int, target: float, x: float, y: float, way_x: float, way_y: float) -> float:
-    """The same for one thing (b2TimeOfImpact): conservative advancement along the direction to it."""
+    """The time of impact on one thing (b2TimeOfImpact): conservative advancement along the direction to it."""
     now = 0.0
     for _ in range(ADVANCES):
         away_x, away_y, distance = _away(solids, s, x + now * way_x, y + now * way_y)
         if distance < target + TOLERANCE:
             return now
-        # Along the present direction to it the distance changes evenly.
+        # Along the current direction to it the distance changes evenly.
         away_x, away_y = away_x / distance, away_y / distance
         slope = way_x * away_x + way_y * away_y
         at_end = distance + (1 - now) * slope
@@ -267,11 +267,11 @@ def _root(target: float, now: float, distance: float, at_end: float) -> float:
     moment = low
     for k in range(ROOTS):
         moment = low + (target - at_low) * (high - low) / (at_high - at_low) if k % 2 else (low + high) / 2
-        found = distance + (moment - now) / (1 - now) * (at_end - distance)
-        if abs(found - target) < TOLERANCE:
+        at_moment = distance + (moment - now) / (1 - now) * (at_end - distance)
+        if abs(at_moment - target) < TOLERANCE:
             break
-        if found > target:
-            low, at_low = moment, found
+        if at_moment > target:
+            low, at_low = moment, at_moment
         else:
-            high, at_high = moment, found
+            high, at_high = moment, at_moment
     return moment

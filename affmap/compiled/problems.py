@@ -1,4 +1,4 @@
-"""Imagination as data for compiled loops: networks, affordance maps, where paths start and where they should lead.
+"""Imagination as data for compiled loops: networks, affordance maps, starts and goals of paths.
 
 All arrays are contiguous, and float32 unless said otherwise. B problems are member-major, as everywhere: problem b
 belongs to member b M / B and to world b M W / B.
@@ -33,13 +33,13 @@ class Maps(NamedTuple):
     """Affordance maps of M * W worlds."""
 
     codes: Array
-    """`[M * W, Y, X, C]`, C filled up to whole vectors."""
+    """`[M * W, Y, X, C]`, C padded to whole vectors."""
     scale: Array
     """`[2]`, nodes a u along x and y."""
 
 
 class Scenes(NamedTuple):
-    """W worlds, and M vision models that see them (`affmap.view.Scene`, `affmap.model.direct.Weights`)."""
+    """W layouts, and M vision models that see them (`affmap.view.LayoutArrays`, `affmap.model.direct.Weights`)."""
 
     offsets: Array
     """`[11]`, from a position to the centres of pixels, u."""
@@ -48,11 +48,11 @@ class Scenes(NamedTuple):
     border_channels: Array
     """`[W]`, int64."""
     circles: Array
-    """`[W, N, 3]`; those that fill up have a squared radius below 0."""
+    """`[W, N, 3]`, padded with squared radii below 0."""
     channels: Array
     """`[W, N]`, int64."""
     pictures: Array
-    """This and what follows: the vision models, `affmap.model.direct.Weights`."""
+    """From here on: the vision models, `affmap.model.direct.Weights`."""
     weight2: Array
     bias2: Array
     weight3: Array
@@ -62,7 +62,7 @@ class Scenes(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What the paths of B problems start from."""
+    """Starts of the paths of B problems."""
 
     position: Array
     """`[B, 2]`, u."""
@@ -71,7 +71,7 @@ class Start(NamedTuple):
 
 
 class Desired(NamedTuple):
-    """Where the paths of B problems should lead, and how much uncertainty counts."""
+    """Goals of the paths of B problems, and the weight of uncertainty."""
 
     goal: Array
     """`[B, 2]`, u."""

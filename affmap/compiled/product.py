@@ -21,7 +21,7 @@ class Matrix(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Of a product: `[rows, depth]` times `[depth, width]`."""
+    """The shape of a product: `[rows, depth]` times `[depth, width]`."""
 
     rows: int
     """A multiple of 8."""

@@ -24,7 +24,7 @@ def draw(mean: Array, variance: Array, kept: Array, uniform: Array, candidates: 
         mean: `[B, J]` in [0, 1].
         variance: `[B, J]`
         kept: `[B, K, J]`, the first candidates as they are.
-        uniform: `[B, N, J]` in [0, 1), what the others are drawn with.
+        uniform: `[B, N, J]` in [0, 1), for drawing the others.
         candidates: `[B, K + N, J]`, filled.
     """
     num_problems, num_drawn, length = uniform.shape
@@ -69,7 +69,7 @@ def learn(
 
     Args:
         candidates: `[B, N, J]`
-        costs: `[B, N]`; what is not finite counts as infinite.
+        costs: `[B, N]`; others than finite ones count as infinite.
         momentum: weight of the old mean and variance.
         mean: `[B, J]`, changed.
         variance: `[B, J]`, changed.
@@ -102,7 +102,7 @@ def learn(
 
 @inlined
 def _sort(costs: Array, best: Array, places: Array) -> None:
-    """Write the least costs in ascending order into `best`, and where they stand into `places`."""
+    """Write the least costs in ascending order into `best`, and their indices into `places`."""
     count = 0
     for n in range(len(costs)):
         cost = costs[n] if np.isfinite(costs[n]) else f32(np.inf)

@@ -41,13 +41,13 @@ class Room(NamedTuple):
     values: Features
     slopes: Features
     winners: Any
-    """Which patch of each window is the largest."""
+    """Index of the largest patch of each window."""
     sources: Any
-    """Where each window stands among the columns."""
+    """Index of each window among the columns."""
     starts: Any
-    """Where the places of each window begin in `sources`."""
+    """Start of each window's places in `sources`."""
     zeros: Any
-    """For sums that begin with nothing."""
+    """Zeros, for sums without a start value."""
 
 
 @compiled

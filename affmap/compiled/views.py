@@ -1,7 +1,7 @@
 """Views painted in compiled code, pixel by pixel.
 
-The reference is `affmap.view`: the same comparisons in the same precision, so that all pixels are equal. A scene
-is what `affmap.view.Scene` holds, all of its numbers in the precision of the positions.
+The reference is `affmap.view`: the same comparisons in the same precision, so that all pixels are equal. Layouts are
+given by the arrays of `affmap.view.LayoutArrays`, in the precision of the positions.
 """
 
 import numpy as np
@@ -41,7 +41,7 @@ def paint(
         rows[border_channel, row] = np.uint64(2**pixels - 1) if y < 0 or y > size[1] else outside
     for number in range(len(circles)):
         center_x, center_y, squared_radius = circles[number]
-        # Rounding never changes the order of two numbers: what the nearest column and row do not meet, no pixel does.
+        # Rounding never changes the order of two numbers: a circle that misses the nearest column and row has no pixel.
         near_x = _least_square(position[0] + offsets[0] - center_x, position[0] + offsets[-1] - center_x)
         near_y = _least_square(position[1] + offsets[0] - center_y, position[1] + offsets[-1] - center_y)
         if near_x > squared_radius - near_y:
@@ -68,7 +68,7 @@ def cut(
     channels: np.ndarray,
     views: np.ndarray,
 ) -> None:
-    """Cut out the views at `positions` `[P, 2]` (u) of a scene into `views` `[P, K, 11, 11]` bool."""
+    """Cut out the views of a layout at `positions` `[P, 2]` (u) into `views` `[P, K, 11, 11]` bool."""
     squares, rows = np.empty_like(offsets), np.empty(views.shape[1:3], np.uint64)
     for place in range(len(positions)):
         paint(positions[place], offsets, size, border_channel, circles, channels, squares, rows)

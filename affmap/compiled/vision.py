@@ -1,7 +1,7 @@
 """The vision model of one member on distinct patches, windows and views, forwards and backwards.
 
-`affmap.model.vision` is its reference. A vector holds features. Rows of views and patches are filled up to eights; the
-derivatives by what fills them are zero.
+`affmap.model.vision` is its reference. A vector holds features. Rows of views and patches are padded to multiples of
+eight; derivatives by the padding are zero.
 """
 
 from typing import Any
@@ -52,7 +52,7 @@ def encode_back(turned: Any, widths: Any, batch: Any, room: Any, gradient: Any) 
 
 @compiled
 def find_sources(taps: Any, num_windows: int, widths: Any) -> Any:
-    """Return where each window stands among the columns, one window after the other, and where each begins."""
+    """Return the places of each window among the columns, window by window, and the start of each window's places."""
     starts = np.zeros(num_windows + 1, np.int64)
     flat = taps.reshape(-1)
     for window in flat:
@@ -105,7 +105,7 @@ def _inputs_back(slopes: Any, num_outputs: int, turned: Any, num_inputs: int, ze
 
 @inlined
 def _pool(patches: Any, patch_ids: Any, bias: Any, windows: Any, winners: Any) -> None:
-    """Take the largest of the nine patches of each window, and note which it is; then bias and tanh."""
+    """Take the largest of the nine patches of each window, and note its index; then bias and tanh."""
     for window in range(len(patch_ids)):
         best, winner = load(patches, patch_ids[window, 0] * WIDTH), splat(f32(0))
         for number in range(1, NUM_TAPS):
@@ -143,7 +143,7 @@ def _spread(windows: Any, taps: Any, widths: Any, columns: Any) -> None:
 
 @inlined
 def _collect(columns: Any, starts: Any, sources: Any, windows: Any) -> None:
-    """Sums over all places where a window stands; beyond its channels they mean nothing, and nobody reads them.
+    """Sums over all places where a window stands; beyond its channels they are undefined, and not read.
 
     Each grows in registers: the many of a blank window would wait for each other in memory.
     """

@@ -1,4 +1,4 @@
-"""The checked configuration of one job, composed by Hydra from its overrides; Hydra's errors become sentences."""
+"""The validated configuration of one job, composed by Hydra from its overrides; Hydra's errors become sentences."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,41 +12,42 @@ from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
+from hydra.errors import OverrideParseException
 from omegaconf import OmegaConf
 
 from affmap.config import memory
 from affmap.config.root import Config, plain
-from affmap.settings import ConfigError, check_folder, folder
-from affmap.settings.messages import one_line, shown
+from affmap.settings import ConfigError, check_folder, folder, read
+from affmap.settings.messages import format_value, one_line
 
 FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
 LAUNCHER, WORKERS = "hydra.launcher", "hydra.launcher.n_jobs"
 
 MAX_WORKERS = 1024
-"""Jobs at the same time."""
+"""Most jobs at the same time."""
 
 
 def check(overrides: Sequence[str]) -> Config:
     """The configuration of one job.
 
     Raises:
-        ConfigError: a value that is not allowed; the message names the key, its file, the value and what is right.
+        ConfigError: a value is not allowed; the message names key, file, value and remedy.
     """
     composed = compose(overrides)
     choices = composed.hydra.runtime.choices
     origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
-    origins[""] = "the configuration"  # checked together
+    origins[""] = "the configuration"  # of checks of several keys
     config = Config.checked(values(composed), "conf/config.yaml or the command line", origins)
     memory.check(config)
-    check_launch(launch(composed))
+    check_launch(launch_settings(composed))
     return config
 
 
 def check_launch(settings: Mapping[str, Any]) -> None:
-    """Refuse what Hydra would stumble over only when it starts the jobs: its folders and the number of workers.
+    """Validate settings that Hydra only checks when it starts the jobs: its folders and the number of workers.
 
     Args:
-        settings: what `launch` returned.
+        settings: returned by `launch_settings`.
 
     Raises:
         ConfigError: one of them cannot be used.
@@ -56,17 +57,17 @@ def check_launch(settings: Mapping[str, Any]) -> None:
         try:
             check_folder(Path(path or ""))
         except ValueError as error:
-            raise ConfigError(f"{key} = {shown(path)} is not allowed: it {error}.") from None
+            raise ConfigError(f"{key} = {format_value(path)} is not allowed: it {error}.") from None
     workers = settings[WORKERS]
     if settings[LAUNCHER] is None or not isinstance(workers, int) or not 0 < abs(workers) <= MAX_WORKERS:
         raise ConfigError(
-            f"hydra.launcher.n_jobs = {shown(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 for a "
-            "job on each core."
+            f"hydra.launcher.n_jobs = {format_value(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 "
+            "for a job on each core."
         )
 
 
-def launch(composed: Any) -> dict[str, Any]:
-    """Hydra's settings of how jobs are launched: their folders, and the number of workers where the launcher has it."""
+def launch_settings(composed: Any) -> dict[str, Any]:
+    """Hydra's settings for launching jobs: their folders, and the number of workers where the launcher has one."""
     composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
     with hydra_errors():
         settings = {key: OmegaConf.select(composed, key) for key in (*FOLDERS, LAUNCHER)}
@@ -81,45 +82,68 @@ def parse(overrides: Sequence[str]) -> list[Override]:
 
 
 def compose(overrides: Sequence[str]) -> Any:
-    """What Hydra makes of the overrides of one job, its own settings included; the same object if asked again."""
+    """Compose the overrides of one job, Hydra's own settings included; cached, so not to be changed."""
     files = [folder(), *folder().rglob("*")]
     return _compose(tuple(overrides), folder(), max(path.stat().st_mtime_ns for path in files))
 
 
 @lru_cache(maxsize=64)
-def _compose(overrides: tuple[str, ...], conf: Path, changed: int) -> Any:
-    """The same, of a folder whose files were last `changed` at some time."""
+def _compose(overrides: tuple[str, ...], conf: Path, _modified: int) -> Any:
     with hydra_errors(), initialize_config_dir(str(conf), version_base="1.3"):
         return hydra.compose("config", [*overrides], return_hydra_config=True)
 
 
 def values(composed: Any) -> dict[str, Any]:
-    """The plain values of a composed configuration, checked by nothing."""
+    """The plain values of a composed configuration, not validated."""
     with hydra_errors():
         return plain(composed)
 
 
 @contextmanager
 def hydra_errors() -> Iterator[None]:
-    """Tell in a sentence whatever Hydra finds wrong with a command line.
+    """Turn whatever Hydra raises about a command line into a ConfigError with a remedy.
 
-    Nothing but Hydra runs in here, and its parser, its YAML and its interpolations let through what Python raises:
+    Only Hydra runs in the block. Its parser, its YAML and its interpolations let Python's own errors through:
     ValueError for a step of 0, RecursionError for brackets in brackets, AttributeError for a group that is null.
     """
     try:
         yield
     except Exception as error:
-        text = str(error) or str(error.__cause__ or "") or "Hydra does not say why"
-        # Hydra's messages end in addresses, its own places and types, and name classes and columns.
-        text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|\^)", text)[0]
-        text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
-        raise ConfigError(f"this cannot be read: {one_line(text).rstrip('.')}{_in_folders(text)}.") from None
+        raise ConfigError(_explain(error)) from None
 
 
-def _in_folders(text: str) -> str:
-    """The options of a group that Hydra's list of them leaves out: files in folders of its folder."""
-    group = re.search(r"Available options in '([\w/]+)'", text)
-    if not group:
-        return ""
-    paths = sorted(folder().glob(f"{group[1]}/*/**/*.yaml"))
-    return "".join(f" {path.relative_to(folder() / group[1]).with_suffix('')}" for path in paths)
+def _explain(error: Exception) -> str:
+    """Hydra's error as a sentence: a malformed override, an unknown key, an unknown option, or anything else."""
+    text = str(error) or str(error.__cause__ or "") or "Hydra gives no reason"
+    if isinstance(error, OverrideParseException):
+        reason = re.search(r"while (evaluating .*)", text)
+        remedy = one_line(reason[1]) if reason else "write key=value, with quotes around special characters"
+        return f"the override {format_value(error.override)} cannot be read: {remedy}."
+    if override := re.search(r"^Could not override '(.+)'\.\nTo append to your config", text):
+        return _explain_key(getattr(error.__cause__, "full_key", None) or override[1])
+    if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
+        path, group, options = choice.groups()
+        names = ", ".join([*options.split(), *_nested(group)])
+        return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
+    # Hydra's messages end in addresses, its own places and types, and name classes and columns.
+    text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|To append|\^)", text)[0]
+    text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
+    return f"this cannot be read: {one_line(text).rstrip('.')}."
+
+
+def _explain_key(key: str) -> str:
+    """A key that no configuration has, as a sentence; capitals are those of make's variables."""
+    key = one_line(key)
+    if key.isupper():
+        return (
+            f"{key} is a variable of make, as in make exp1 {key}=...; affmap takes overrides such as scale=smoke, "
+            "models=reference or hydra.launcher.n_jobs=1 instead."
+        )
+    return f"{key} is not a known key; correct its spelling."
+
+
+def _nested(group: str) -> list[str]:
+    """Options of a group that Hydra's list leaves out: files in its folders, but for those that are groups."""
+    groups = {key for entry in read(".", "config")["defaults"] if isinstance(entry, dict) for key in entry}
+    paths = [path.relative_to(folder()) for path in sorted(folder().glob(f"{group}/*/**/*.yaml"))]
+    return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in groups]

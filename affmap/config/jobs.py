@@ -1,8 +1,8 @@
-"""The checked configurations of many jobs: Hydra composes what they share, and the differences are filled in.
+"""The validated configurations of many jobs: Hydra composes what they share, and the differences are filled in.
 
 Hydra takes a tenth of a second for a configuration, and the jobs of a sweep mostly differ in a few numbers. Groups and
-whatever else is not a plain value of a known key are left to Hydra, once for each combination of them. A configuration
-that is wrong is composed and checked by itself, so that all errors are told as for a single job.
+whatever else is not a plain value of a known key are left to Hydra, once for each combination of them. An invalid
+configuration is composed and validated by itself, so that errors read as for a single job.
 """
 
 import re
@@ -16,23 +16,23 @@ from hydra.core.override_parser.types import Override, OverrideType, QuotedStrin
 from omegaconf import OmegaConf
 
 from affmap.config import memory
-from affmap.config.compose import check, check_launch, compose, launch, values
+from affmap.config.compose import check, check_launch, compose, launch_settings, values
 from affmap.config.root import Config
 from affmap.settings import ConfigError, folder
 
 PLAIN = re.compile(r"[A-Za-z0-9_./-]+")
-"""Texts that mean themselves to Hydra and to OmegaConf."""
+"""Texts without a meaning of their own to Hydra or OmegaConf."""
 
 
 class Assignment(NamedTuple):
     """One value of an override."""
 
     line: str
-    """In the words of the command line."""
+    """As on the command line."""
     key: str
     value: Any
     is_plain: bool
-    """Whether it may be filled in: it sweeps over a key that is no group, and has plain values."""
+    """Whether it may be filled in: a sweep over plain values of a key that is no group."""
 
 
 def expand(overrides: Sequence[Override]) -> list[tuple[Assignment, ...]]:
@@ -53,7 +53,7 @@ def _assignments(override: Override, others: Sequence[Override]) -> list[Assignm
 
 
 def _is_plain_key(override: Override, others: Sequence[Override]) -> bool:
-    """Whether an override changes a key that is no group and that no other override has a part in."""
+    """Whether an override changes a key that is no group and that no other override touches."""
     key = override.key_or_group
     if override.type is not OverrideType.CHANGE or override.package or override.is_hydra_override() or _is_group(key):
         return False
@@ -62,7 +62,7 @@ def _is_plain_key(override: Override, others: Sequence[Override]) -> bool:
 
 
 def _chooses(override: Override) -> bool:
-    """Whether an override chooses a file of a group, which Hydra does before it sets values."""
+    """Whether an override selects a file of a group, which Hydra does before it sets values."""
     return _is_group(override.key_or_group) and not isinstance(override.value(), dict)
 
 
@@ -75,7 +75,7 @@ def _is_plain_value(value: Any) -> bool:
 
 
 class Checker:
-    """Composes and checks one job of a sweep after the other."""
+    """Composes and validates one job of a sweep after the other."""
 
     def __init__(self) -> None:
         """Begin with nothing composed."""
@@ -101,14 +101,14 @@ class Composition:
     """
 
     def __init__(self, tree: Any, changes: Sequence[Assignment] = ()) -> None:
-        """Take what Hydra has composed, and make `changes`."""
+        """Take a configuration composed by Hydra, and make `changes`."""
         self._tree, self._changes = tree, tuple(changes)
-        with _changed(tree, self._changes):
-            self._values, self._launch = values(tree), launch(tree)
+        with _substitute(tree, self._changes):
+            self._values, self._launch = values(tree), launch_settings(tree)
             check_launch(self._launch)
-        self._is_free = cache(self._find_whether_free)
+        self._is_free = cache(self._test_free)
         self._with = lru_cache(maxsize=1024)(lambda more: Composition(tree, (*self._changes, *more)))
-        self._checked: dict[str, Any] = {}  # of the values, those that have been checked
+        self._validated: dict[str, Any] = {}  # values of the last configuration that are still those of this one
 
     def check(self, changes: Sequence[Assignment]) -> Config:
         """The configuration in which further changes are made.
@@ -117,31 +117,32 @@ class Composition:
             ConfigError: a value is not allowed.
             LookupError: there is no such key.
         """
-        filled = _filled(self._values, changes)
-        if bound := tuple(each for each in changes if not self._is_free(each.key)):
-            return self._with(bound).check([each for each in changes if each not in bound])
-        changed = {each.key.partition(".")[0] for each in changes}
-        checked = {key: value for key, value in self._checked.items() if key not in changed}
-        config = Config.checked({**filled, **checked}, "the configuration")
+        new = _fill(self._values, changes)
+        if dependencies := tuple(each for each in changes if not self._is_free(each.key)):
+            return self._with(dependencies).check([each for each in changes if each not in dependencies])
+        groups = {each.key.partition(".")[0] for each in changes}
+        validated = {key: value for key, value in self._validated.items() if key not in groups}
+        config = Config.checked({**new, **validated}, "the configuration")
         memory.check(config)
-        self._checked = {key: getattr(config, key) for key in filled if key not in changed}
+        self._validated = {key: getattr(config, key) for key in new if key not in groups}
         return config
 
-    def _find_whether_free(self, key: str) -> bool:
+    def _test_free(self, key: str) -> bool:
         """Whether no other value follows from that of a key."""
         other = Assignment("", key, "another_value", is_plain=True)
-        with _changed(self._tree, (*self._changes, other)):
+        with _substitute(self._tree, (*self._changes, other)):
             try:
-                return values(self._tree) == _filled(self._values, [other]) and launch(self._tree) == self._launch
+                same_launch = launch_settings(self._tree) == self._launch
+                return same_launch and values(self._tree) == _fill(self._values, [other])
             except ConfigError:  # something follows from it that has no such value
                 return False
 
 
-def _filled(configuration: dict[str, Any], changes: Sequence[Assignment]) -> dict[str, Any]:
-    """A configuration with other values; what is not changed is shared with the old one.
+def _fill(configuration: dict[str, Any], changes: Sequence[Assignment]) -> dict[str, Any]:
+    """Copy a configuration with changes; unchanged parts are shared.
 
     Raises:
-        LookupError: a key is not there, or has more than one value.
+        LookupError: a key does not exist, or holds several values.
     """
     new = dict(configuration)
     for change in changes:
@@ -159,8 +160,8 @@ def _filled(configuration: dict[str, Any], changes: Sequence[Assignment]) -> dic
 
 
 @contextmanager
-def _changed(tree: Any, changes: Sequence[Assignment]) -> Iterator[None]:
-    """Make changes to what Hydra has composed, as long as the block lasts."""
+def _substitute(tree: Any, changes: Sequence[Assignment]) -> Iterator[None]:
+    """Make changes to a composed configuration for the duration of the block."""
     before = {change.key: _unresolved(tree, change.key) for change in changes}
     try:
         for change in changes:

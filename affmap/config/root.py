@@ -1,4 +1,4 @@
-"""The whole configuration with its types: one job of a sweep."""
+"""The whole configuration and its types: one job of a sweep."""
 
 import os.path
 from collections import Counter
@@ -21,7 +21,7 @@ from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
 from affmap.settings import ConfigError, Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings
-from affmap.settings.messages import shown
+from affmap.settings.messages import format_value
 from affmap.training.settings import TrainingSettings
 
 L = TypeVar("L", Layout, Procedural)
@@ -31,19 +31,19 @@ def _layout(name: Any) -> Any:
     """The layout of `conf/layout/<name>.yaml`; whatever is no name is left to the next check."""
     if isinstance(name, str) and is_procedural(name):
         raise ValueError("is procedural, which only control_layout may be; name a fixed layout")
-    return _named(Layout, name) if isinstance(name, str) else name
+    return _load(Layout, name) if isinstance(name, str) else name
 
 
 def _any_layout(name: Any) -> Any:
-    """The same, fixed or procedural."""
+    """The fixed or procedural layout of `conf/layout/<name>.yaml`."""
     if isinstance(name, str) and is_procedural(name):
-        return _named(Procedural, name)
+        return _load(Procedural, name)
     return _layout(name)
 
 
-def _named(kind: type[L], name: str) -> L:
+def _load(kind: type[L], name: str) -> L:
     layout = kind.load("layout", name)
-    if layout.name != name:  # reports would take it for another
+    if layout.name != name:  # reports would mistake it for another
         raise ConfigError(f"conf/layout/{name}.yaml: name = {layout.name!r} must be that of the file, {name!r}.")
     return layout
 
@@ -67,10 +67,10 @@ Choices = Annotated[Line, BeforeValidator(_choices)]
 
 
 class Config(Settings):
-    """`conf/config.yaml` and the groups it is made of; one job of a sweep."""
+    """`conf/config.yaml` and its groups; one job of a sweep."""
 
     name: NamePath
-    """Name of the experiment, as that of its file in `conf/experiment`."""
+    """Name of the experiment, that of its file in `conf/experiment`."""
     title: Line
     seed: Seed
     """Seed of the first member; member m has seed + m."""
@@ -79,11 +79,11 @@ class Config(Settings):
     threads: Annotated[Count, Field(le=1024)]
     """Threads of a job."""
     compiled: bool
-    """Whether loops that numba can compile are compiled; otherwise PyTorch does their work, more slowly."""
+    """Whether inner loops are compiled by numba; otherwise PyTorch runs them, more slowly."""
     models: Literal["train", "reference"]
     """Train the models, or take those of the reference run."""
     notice: Line | None
-    """What must stand on every figure; None for results."""
+    """A notice on every figure, such as that of a smoke run; None for results."""
     output: Folder
     """Folder of the report."""
     store: Folder
@@ -91,27 +91,27 @@ class Config(Settings):
     reference: Folder
     """Folder of the reference run's stages."""
     versions: Literal["same", "any"]
-    """Whether stages that other versions of packages have made may be used."""
+    """Whether stages made with other versions of packages may be used."""
     logger: Literal["csv", "tensorboard"]
-    """Whether TensorBoard can watch trainings; their tables are always written."""
+    """Whether trainings are logged for TensorBoard; their tables are always written."""
     sweep: Mapping[Line, Choices]
-    """What the experiment sweeps over: key -> values, as Hydra's sweeper takes them."""
+    """The experiment's sweep: key -> values, as Hydra's sweeper takes them."""
     objective: Literal["validation_nll", "mean_distance", "success"] | None
-    """What a search is for; None where nothing is searched."""
+    """The objective of a search; None where nothing is searched."""
     baselines: tuple[Name, ...]
     """Agents (files of `conf/agent`) that fly the same runs for comparison; they need no model."""
     growth: NamePath | None
     """Another experiment, of one job, whose maps after several epochs the report shows; or None."""
     acts: Acts | None
-    """Where fog and force fields act in every layout; None for what each of them says."""
+    """Rule of every layout for when fog and force fields act; None for each layout's own."""
     world: Name
-    """Layout (a file of `conf/layout`) of everything that names no other."""
+    """Layout (a file of `conf/layout`) wherever no other is named."""
     training_layouts: tuple[NamedLayout, ...]
-    """Where data are collected, in equal parts."""
+    """Layouts that data are collected in, in equal parts."""
     control_layout: AnyLayout
-    """Where agents fly; a procedural one gives each run a world of its own."""
+    """Layout that agents fly in; a procedural one gives each run a layout of its own."""
     map_layout: NamedLayout
-    """What affordance maps are painted of for the report."""
+    """Layout of the affordance maps in the report."""
     vehicle: Vehicle
     data: Exploration
     model: ModelSettings
@@ -139,7 +139,7 @@ class Config(Settings):
 
     @property
     def published(self) -> Path:
-        """The folder that `affmap-publish` keeps the report in, as it has its place beside the store."""
+        """The folder that `affmap-publish` copies the report to, at the same place beside the reference run's store."""
         runs, output = self.store.parent, self.output
         return self.reference.parent / (output.relative_to(runs) if output.is_relative_to(runs) else output.name)
 
@@ -155,13 +155,13 @@ class Config(Settings):
         folders = {key: os.path.abspath(getattr(self, key)) for key in keys}
         for key, other in combinations(keys, 2):
             if folders[key] == folders[other]:
-                both = shown(str(getattr(self, other)))
+                both = format_value(str(getattr(self, other)))
                 raise ValueError(f"{key} and {other} are both {both}; give each a folder of its own.")
         for key in ("store", "reference"):
             if os.path.abspath(self.published) == folders[key]:
+                output, published = format_value(str(self.output)), format_value(str(self.published))
                 raise ValueError(
-                    f"output = {shown(str(self.output))} would be published as {shown(str(self.published))}, where "
-                    f"{key} is; give it another name."
+                    f"output = {output} would be published as {published}, where {key} is; give it another name."
                 )
         return self
 
@@ -181,9 +181,9 @@ class Config(Settings):
         return self
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
-        named = [("control_layout", self.control_layout), ("map_layout", self.map_layout)]
-        for key, layout in [*named, *(("training_layouts", layout) for layout in self.training_layouts)]:
+    def _check_layouts(self) -> Self:
+        training = [("training_layouts", layout) for layout in self.training_layouts]
+        for key, layout in [("control_layout", self.control_layout), ("map_layout", self.map_layout), *training]:
             if layout.channels != self.channels:
                 raise ValueError(
                     f"{key} = {layout.name!r} has channels {list(layout.channels)}, but "
@@ -192,10 +192,10 @@ class Config(Settings):
                 )
         for layout in self.training_layouts:
             layout.check_corners(self.vehicle.radius)
-        flown = self.control_layout
-        if isinstance(flown, Procedural):  # whether its rules can be met should not turn out after hours of training
-            flown = flown.draw(generator(self.seed, "world", 0))
-        flown.check_corners(self.vehicle.radius)
+        layout = self.control_layout
+        if isinstance(layout, Procedural):  # rules that cannot be met should not turn up after hours of training
+            layout = layout.draw(generator(self.seed, "world", 0))
+        layout.check_corners(self.vehicle.radius)
         return self
 
     @property
@@ -205,19 +205,18 @@ class Config(Settings):
 
     @property
     def controller(self) -> str:
-        """What steers, in tables: the kind of the planner, or of an agent that has none."""
+        """The kind of the planner, or of an agent that has none, as in tables."""
         return self.planner.kind if self.agent == PLANNER else self.agent.kind
 
     @property
     def seeds(self) -> range:
-        """The members' own seeds, M of them."""
+        """The members' seeds, M of them."""
         return range(self.seed, self.seed + self.members)
 
 
 def label(config: Config) -> str:
-    """What tells a job from the others of its sweep."""
-    layout, size = config.control_layout.name, config.model.context_size
-    return f"{layout}, context size {size}, {config.controller}, {config.lookup.name}"
+    """A short description of a job, for logs."""
+    return f"{config.control_layout.name}, {config.model.name}, {config.controller}, {config.lookup.name}"
 
 
 def plain(config: Any) -> dict[str, Any]:

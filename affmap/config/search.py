@@ -1,6 +1,6 @@
-"""From a command line to a search: what is tried, what for, and where its trials are. Runs nothing.
+"""From a command line to a search: its space, its objective and its folder. Runs nothing.
 
-Hydra's sweeper on hyperopt (`hydra/sweeper=hyperopt`) makes it; an experiment gives a search its configuration, and not
+Hydra's sweeper on hyperopt (`hydra/sweeper=hyperopt`) runs it. A search takes an experiment's configuration, but not
 its sweep.
 """
 
@@ -14,27 +14,27 @@ from affmap.settings import ConfigError
 from hydra_plugins.hyperopt_sweeper import TRIALS, read_trials
 
 AFTER_TRAINING = ("agent", "planner", "control", "lookup", "control_layout", "map_layout", "report")
-"""Groups that a training does not depend on."""
+"""Groups that training does not depend on."""
 
 
 class Search(NamedTuple):
-    """A command line that asks for a search."""
+    """A search, as a command line describes it."""
 
     overrides: list[str]
     config: Config
-    """Of a trial, but for what is searched."""
+    """Configuration of the trials, but for the searched keys."""
     folder: Path
-    """Where the sweeper keeps the trials."""
+    """Folder in which the sweeper keeps the trials."""
     num_trials: int
     log_keys: frozenset[str]
-    """Of what is searched, that on a logarithmic scale."""
+    """Keys searched on a logarithmic scale."""
 
     @classmethod
     def read(cls, arguments: Sequence[str]) -> "Search | None":
         """The search of a command line; None where it asks for none.
 
         Raises:
-            ConfigError: it cannot be made; the message says why.
+            ConfigError: it is invalid; the message says why.
         """
         overrides = parse(arguments)
         fixed = [str(each.input_line) for each in overrides if not each.is_sweep_override()]
@@ -62,10 +62,10 @@ class Search(NamedTuple):
 
     @property
     def num_complete(self) -> int:
-        """How many trials have been made.
+        """Number of trials that are complete.
 
         Raises:
-            SearchError: their file is damaged.
+            SearchError: their file is corrupted.
         """
         path = self.folder / TRIALS
         return len(read_trials(path)[1]) if path.is_file() else 0

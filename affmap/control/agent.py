@@ -1,4 +1,4 @@
-"""The paper's agent: it plans with what a stack of models imagines.
+"""The paper's agent, which plans by the imagination of a stack of models.
 
 One agent object steers B vehicles at once, the same number for each member of a stack (member-major). It knows a
 stack, a look-up and a planner; it knows no environment.
@@ -27,7 +27,7 @@ from affmap.model.stack import Stack
 from affmap.model.transition import Carry
 from affmap.planning.planner import Objective, Planner
 from affmap.settings import ConfigError
-from affmap.view import Map
+from affmap.view import VisibleLayout
 
 if TYPE_CHECKING:  # needs numba
     from affmap.control.imagination import CompiledImagination
@@ -39,9 +39,9 @@ class Agent(PlanningAgent):
     Attributes:
         stack: M members.
         lookup: context codes of the same members, in the world or the worlds that they fly in.
-        planner: how plans are made.
-        settings: what plans are for.
-        channels: names of the K channels that the members have learned to see; None where they are not known.
+        planner: the planner.
+        settings: the settings of control.
+        channels: names of the K channels that the members have learned to see; None if unknown.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Agent(PlanningAgent):
         settings: ControlSettings,
         channels: Sequence[str] | None = None,
     ) -> None:
-        """Put an agent together; `lookup` must belong to `stack`, whose weights cease to require gradients."""
+        """Assemble an agent; `lookup` must belong to `stack`, whose weights cease to require gradients."""
         super().__init__(planner, settings)
         self.stack, self.lookup, self.channels = stack.requires_grad_(False), lookup, channels
         self._direct, self._cached = DirectEncoder(self.stack), CachedEncoder(self.stack)
@@ -60,34 +60,34 @@ class Agent(PlanningAgent):
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """The members' own seeds, M of them."""
+        """Seeds of the M members."""
         return self.stack.seeds
 
-    def elsewhere(self, worlds: Sequence[Map]) -> "Agent":
-        """The same agent in another world, or in B others (member-major)."""
+    def elsewhere(self, worlds: Sequence[VisibleLayout]) -> "Agent":
+        """Copy of the agent for another world, or for B others (member-major)."""
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels)
 
     def initial_carry(self, num_problems: int) -> Carry:
-        """The hidden state of the transition models where flights of B problems begin."""
+        """Hidden state of the transition models where flights of B problems begin."""
         return self.stack.transition.initial(num_problems // len(self.seeds))
 
     def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:
-        """See `PlanningAgent.objective`."""
+        """Objective for plans, see `PlanningAgent.objective`."""
         if self._compiled is None:
             return super().objective(observation, carry)
         situation, std = self._situation(observation, carry), self.goal_std(observation)
         return self._compiled.objective(situation, observation.goal, std, self.settings.beta)
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
-        """See `PlanningAgent.imagine`."""
+        """Imagine candidates, see `PlanningAgent.imagine`."""
         situation = self._situation(observation, carry)
         if self._compiled and not (torch.is_grad_enabled() and actions.requires_grad):
             return self._compiled.positions(situation, actions)
         return rollout(self.stack.transition, self.lookup, situation, actions)
 
     def _compile(self) -> "CompiledImagination | None":
-        """Imagination in compiled loops, where there is one for these models and this look-up."""
+        """Imagination in compiled loops, if there is one for these models and this look-up."""
         if not compiled.enabled():
             return None
         from affmap.control.imagination import compiled_imagination
@@ -95,13 +95,13 @@ class Agent(PlanningAgent):
         return compiled_imagination(self.stack, self.lookup)
 
     def _situation(self, observation: Observation, carry: Carry | None) -> Situation:
-        """Where imagined paths start; without a carry, where a flight begins."""
+        """Start of imagined paths; without a carry, the start of a flight."""
         if carry is None:
             carry = self.initial_carry(len(observation.position))
         return Situation(observation.position, observation.delta, carry)
 
     def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
-        """See `PlanningAgent.predict`; from the view that the vehicle really has, as in training."""
+        """Predict the next step from the true view, as in training; see `PlanningAgent.predict`."""
         num_members = len(self.stack.seeds)
         view, delta, action = (
             part.unflatten(0, (num_members, -1)) for part in (observation.view, observation.delta, action)
@@ -114,7 +114,7 @@ class Agent(PlanningAgent):
 
 
 def check_channels(agent: Agent, layout: Layout) -> None:
-    """Make sure that an agent can see a world.
+    """Check that an agent can see a layout.
 
     Raises:
         ConfigError: it has been trained with other channels.
@@ -128,10 +128,10 @@ def check_channels(agent: Agent, layout: Layout) -> None:
 
 
 def seeds_of(controller: Controller) -> tuple[int, ...]:
-    """The seeds of an agent's members; 0 alone for a controller that does not plan."""
+    """Seeds of an agent's members; only 0 for a controller that does not plan."""
     return controller.seeds if isinstance(controller, PlanningAgent) else (0,)
 
 
 def prediction_error(decision: Decision, delta: Tensor) -> Tensor:
-    """Negative log-likelihood of the changes of position `[B, 2]` that came to be: `[B]` in nats, NaN without one."""
+    """Negative log-likelihood of the observed changes of position `[B, 2]`: `[B]` in nats, NaN without a prediction."""
     return nll(decision.delta, delta)

@@ -1,6 +1,6 @@
-"""What every agent is: a rule for the actions of B vehicles, state in and state out.
+"""The interface of all agents: a controller maps observations and a state to actions of B vehicles and a new state.
 
-A controller sees what vehicles sense, and nothing else: it may hold a model, a look-up and a planner, as
+A controller receives only the sensations of its vehicles. It may hold a model, a look-up and a planner, as
 `affmap.control.agent.Agent` does, or none of them.
 """
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Observation(NamedTuple):
-    """What B vehicles sense."""
+    """Sensations of B vehicles."""
 
     position: Tensor
     """Reported position, `[B, 2]`, u."""
@@ -33,14 +33,14 @@ class Observation(NamedTuple):
 
     @classmethod
     def of(cls, observations: Sequence[Mapping[str, np.ndarray]], device: str = "cpu") -> Observation:
-        """What B environments have returned, as tensors."""
+        """Stack the observations of B environments as tensors."""
         parts = {key: np.stack([each[key] for each in observations]) for key in cls._fields}
         parts["view"] = parts["view"].astype(bool)
         return cls(**{key: torch.from_numpy(part).to(device) for key, part in parts.items()})
 
 
 class Decision(NamedTuple):
-    """What B vehicles do next, and what they expect; NaN where nothing is expected."""
+    """Next actions of B vehicles and their predictions; NaN where nothing is predicted."""
 
     action: Tensor
     """`[B, 4]`, to be executed now."""
@@ -51,28 +51,28 @@ class Decision(NamedTuple):
 
     @classmethod
     def without_prediction(cls, action: Tensor) -> Decision:
-        """Return the decision of a controller that has no model: only actions `[B, 4]`, and a step that is unknown."""
+        """Decision of a controller without a model: actions `[B, 4]`, and NaN for all predictions."""
         unknown = action.new_full((len(action), 2), torch.nan)
         delta = Gaussian(unknown, unknown)
         return cls(action, Gaussian(*(part[:, None] for part in delta)), delta)
 
 
 class Controller(Protocol):
-    """Steers B vehicles side by side; whatever has these two methods is one.
+    """Steers B vehicles side by side; any object with these two methods is a controller.
 
-    Vehicles do not see each other: B steered together are B steered alone. What is random comes from the generators.
+    Vehicles are independent: B steered together behave as B steered alone. All randomness comes from the generators.
     """
 
     def initial(self, num_problems: int) -> Any:
-        """Return the state before the first step, for B problems."""
+        """State before the first step, for B problems."""
         ...
 
     def act(self, observation: Observation, state: Any, generators: Generators) -> tuple[Decision, Any]:
-        """Decide for all.
+        """Decide for all vehicles.
 
         Args:
-            observation: what B vehicles sense now.
-            state: what `initial` or the last `act` returned.
+            observation: the present sensations of B vehicles.
+            state: the result of `initial` or of the last `act`.
             generators: a generator for each of the B.
 
         Returns:

@@ -1,6 +1,6 @@
-"""Goal-directed runs -> tables: every member flies from every corner to the opposite one (Section 4.2).
+"""Goal-directed runs and their tables: every member flies from every corner to the opposite one (Section 4.2).
 
-All runs go on side by side, one vehicle environment each. Knows controllers and environments.
+All runs proceed side by side, one vehicle environment each. Knows controllers and environments.
 """
 
 from collections import defaultdict
@@ -16,7 +16,7 @@ from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import Oracle
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, world
+from affmap.env.procedural import Procedural, first_layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.results import metrics
@@ -32,7 +32,7 @@ class Runs(NamedTuple):
     trajectories: dict[str, np.ndarray]
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
     `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member [B]`,
-    `run [B]`. What a controller did not predict is NaN."""
+    `run [B]`. Values that a controller does not predict are NaN."""
 
 
 def control(
@@ -45,21 +45,21 @@ def control(
 ) -> Runs:
     """Let every member fly all its runs, in one world or, with B `layouts` (member-major), each in its own.
 
-    Start, goal and everything random in a run depend on the member's seed and the number of the run only, so that
+    Start, goal and all randomness of a run depend on the member's seed and the number of the run only, so that
     agents, planners, look-ups and context sizes are compared on the same starts and goals.
 
     Args:
-        controller: what steers, side by side, the B vehicles of all members.
+        controller: steers the B vehicles of all members side by side.
         layouts: the world, or B of them.
         vehicle: its physical constants.
-        settings: how many runs and steps, and what counts as reached.
+        settings: numbers of runs and steps, and the radius of the goal.
         seeds: of the M members; those of an `Agent` are its own, `agent.seeds`.
         on_step: called with the number of steps done.
     """
     pairs = [(seed, run) for seed in seeds for run in range(settings.runs_per_member)]
-    flown = [layouts[0]] * len(pairs) if len(layouts) == 1 else layouts
+    layouts_of_runs = [layouts[0]] * len(pairs) if len(layouts) == 1 else layouts
     worlds = [layout.map for layout in layouts]
-    envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for layout in flown]
+    envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for layout in layouts_of_runs]
     generators = [generator(seed, "planner", run) for seed, run in pairs]
     starts = [
         env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})
@@ -85,12 +85,12 @@ def control(
 
 
 def fly(controller: Controller, layout: Layout | Procedural | str) -> Runs:
-    """Let every member of an agent fly all its runs in a world of one's own, with the vehicle of the paper.
+    """Let every member of an agent fly all its runs in any layout, with the vehicle of the paper.
 
     Args:
         controller: an agent made by `affmap.load`, for instance. Any other controller flies the runs of member 0, with
             the settings of `conf/control/default.yaml`; `control` takes other ones.
-        layout: the world, or the name of a file in `conf/layout`; of rules for worlds the first member's first one.
+        layout: the world, or the name of a file in `conf/layout`; for rules of worlds, the first member's first world.
 
     Raises:
         ConfigError: there is no such file, or the agent was trained with other channels.
@@ -99,12 +99,12 @@ def fly(controller: Controller, layout: Layout | Procedural | str) -> Runs:
     settings = (
         controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
     )
-    flown = world(layout, seeds[0])
-    return control(bring(controller, flown), [flown], Vehicle.load("vehicle", "default"), settings, seeds)
+    first = first_layout(layout, seeds[0])
+    return control(bring(controller, first), [first], Vehicle.load("vehicle", "default"), settings, seeds)
 
 
 def bring(controller: Controller, layout: Layout) -> Controller:
-    """The controller in a world: one that looks up or knows its world in this one, any other as it is.
+    """Bring a controller into a layout: agents with a look-up or knowledge of the world are copied, others returned.
 
     Raises:
         ConfigError: an `Agent` was trained with other channels.
@@ -120,7 +120,7 @@ def bring(controller: Controller, layout: Layout) -> Controller:
 def _note(
     record: defaultdict[str, list[np.ndarray]], decision: Decision, after: Observation, infos: list[dict]
 ) -> None:
-    """Keep what was decided, and what came of it."""
+    """Record decisions and their outcomes."""
     values = {
         "action": decision.action,
         "planned_position": decision.path.mean,
@@ -133,20 +133,20 @@ def _note(
         record[key].append(np.array([info[key] for info in infos]))
 
 
-def _batch(observations: Sequence[dict[str, np.ndarray]], seen: np.ndarray, device: str) -> Observation:
+def _batch(observations: Sequence[dict[str, np.ndarray]], pictures: np.ndarray, device: str) -> Observation:
     """Observations of B environments, and their views `[B, K, 11, 11]`, as tensors."""
-    return Observation.of([{**each, "view": view} for each, view in zip(observations, seen, strict=True)], device)
+    return Observation.of([{**each, "view": view} for each, view in zip(observations, pictures, strict=True)], device)
 
 
 def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
-    """One row a run.
+    """Summarise runs in a table, one row per run.
 
     Columns: member, run; start_x, start_y, goal_x, goal_y (u); and the metrics that tables of runs have
     (`affmap.results.metrics`): prediction_error (nats, mean over steps of the negative log-likelihood of the change of
     position; NaN where nothing was predicted); mean_distance (u, between true position and goal, mean over the steps'
     ends); reached; steps_to_reach (empty where not reached); success (reached, and never in fog; Experiment IV);
     steps_touching; steps_in_fog; final_spread (u, largest distance of the positions of the last quarter from their
-    mean: less than the vehicle's diameter where it is stuck).
+    mean: less than the vehicle's diameter if it is stuck).
     """
     paths = Trajectories(**trajectories)
     return metrics.places(paths).join(metrics.summarise(paths, metrics.stored_metrics()))

@@ -1,7 +1,7 @@
 """Imagination in compiled loops: multilayer perceptrons on the CPU, with affordance maps or exact look-ups.
 
-Stands in for `affmap.model.rollout` and `affmap.planning.objective` where it can. They are its reference, and do the
-work for all other models, look-ups and devices. Importing this module needs numba.
+Replaces `affmap.model.rollout` and `affmap.planning.objective` where possible. They are its reference, and serve all
+other models, look-ups and devices. Importing this module needs numba.
 """
 
 from collections.abc import Callable
@@ -22,20 +22,20 @@ from affmap.model import direct
 from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack, num_changes, readable
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 from affmap.planning.objective import expected_free_energy
 from affmap.planning.planner import Objective
 
 
 class CompiledImagination(Protocol):
-    """Imagines for a stack, with the weights that it has at each call."""
+    """Imagination of a stack, with its weights at each call."""
 
     def positions(self, situation: Situation, actions: Tensor) -> Gaussian:
         """Imagine the execution of actions `[B, N, H, 4]`; see `affmap.model.rollout.rollout`."""
         ...
 
     def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
-        """The expected free energy of actions `[B, N, H, 4]`; see `affmap.planning.objective.expected_free_energy`.
+        """Expected free energy of actions `[B, N, H, 4]`; see `affmap.planning.objective.expected_free_energy`.
 
         Args:
             situation: where each of B problems starts.
@@ -47,8 +47,8 @@ class CompiledImagination(Protocol):
 
 
 def compiled_imagination(stack: Stack, lookup: Lookup) -> CompiledImagination | None:
-    """That of a stack with a look-up, or None for models, look-ups and devices that it does not know."""
-    if type(stack.transition) is not TransitionModel or not readable(stack.parameters()):
+    """Compiled imagination of a stack with a look-up; None for unsupported models, look-ups and devices."""
+    if type(stack.transition) is not MLP or not readable(stack.parameters()):
         return None
     if isinstance(lookup, AffordanceMap) and readable([lookup.codes]):
         return MapImagination(stack, lookup)
@@ -56,7 +56,7 @@ def compiled_imagination(stack: Stack, lookup: Lookup) -> CompiledImagination | 
 
 
 class MapImagination:
-    """With an affordance map."""
+    """Imagination with an affordance map."""
 
     def __init__(self, stack: Stack, lookup: AffordanceMap) -> None:
         """Take a stack and a map of it."""
@@ -67,7 +67,7 @@ class MapImagination:
         self._differentiable = lookup.differentiable
 
     def positions(self, situation: Situation, actions: Tensor) -> Gaussian:
-        """See `CompiledImagination`."""
+        """Imagine positions, see `CompiledImagination`."""
         num_problems, num_candidates, horizon, _ = actions.shape
         mean, variance = actions.new_empty(2, num_problems, horizon, 2, num_candidates)
         start = _start(situation)
@@ -75,7 +75,7 @@ class MapImagination:
         return Gaussian(*(part.permute(0, 3, 1, 2) for part in (mean, 0.5 * variance.log())))
 
     def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
-        """See `CompiledImagination`."""
+        """Objective for plans, see `CompiledImagination`."""
         networks, maps, start = self._networks(), self._maps, _start(situation)
         desired = _desired(goal, goal_std, beta)
 
@@ -97,13 +97,13 @@ class MapImagination:
 
 
 class ViewImagination:
-    """With exact look-ups: single candidates, which gradient descent follows, in compiled loops."""
+    """Imagination with exact look-ups: compiled for single candidates, as in gradient descent."""
 
     def __init__(self, stack: Stack, lookup: ExactLookup) -> None:
         """Take a stack that sees and its look-up."""
         self._stack, self._lookup = stack, lookup
         self._networks, self._encoder = _Networks(stack), direct.DirectEncoder(stack)
-        scenes = [world.scenes[np.dtype(np.float32)] for world in lookup.worlds]
+        scenes = [world.arrays[np.dtype(np.float32)] for world in lookup.worlds]
         most = max(len(scene.circles) for scene in scenes)
         circles = np.full((len(scenes), most, 3), -1, np.float32)  # a squared radius below 0 holds nothing
         channels = np.zeros((len(scenes), most), np.int64)
@@ -114,11 +114,11 @@ class ViewImagination:
         self._worlds = scenes[0].offsets, scenes[0].size, borders, circles, channels
 
     def positions(self, situation: Situation, actions: Tensor) -> Gaussian:
-        """See `CompiledImagination`."""
+        """Imagine positions, see `CompiledImagination`."""
         return rollout(self._stack.transition, self._lookup, situation, actions)
 
     def objective(self, situation: Situation, goal: Tensor, goal_std: Tensor, beta: float) -> Objective:
-        """See `CompiledImagination`."""
+        """Objective for plans, see `CompiledImagination`."""
         networks, start, desired = self._networks(), _start(situation), _desired(goal, goal_std, beta)
         scenes = Scenes(*self._worlds, *self._encoder.weights())
 
@@ -138,6 +138,7 @@ class _Networks:
     """The weights of a stack's transition models, arranged anew when they have changed."""
 
     def __init__(self, stack: Stack) -> None:
+        assert isinstance(stack.transition, MLP)
         self._transition, self._parameters = stack.transition, list(stack.transition.parameters())
         self._changes = -1
         self._packed: Weights
@@ -181,5 +182,5 @@ def _desired(goal: Tensor, goal_std: Tensor, beta: float) -> Desired:
 
 
 def _array(tensor: Tensor) -> np.ndarray:
-    """The numbers of a tensor, which is copied only if they are not neighbours."""
+    """Array of a tensor, copied only if it is not contiguous."""
     return tensor.detach().contiguous().numpy()

@@ -1,7 +1,7 @@
-"""Model-predictive control: observe, plan, execute the first action, and do it again (Section 3.4).
+"""Model-predictive control: observe, plan, execute the first action, repeat (Section 3.4).
 
-What every agent does that plans, whatever imagines the outcomes of its plans: a learned model (`agent`), or the true
-physics (`oracle`). One object steers B vehicles at once; it knows a planner, and no environment.
+The base of all agents that plan, whether a learned model (`agent`) or the true physics (`oracle`) imagines outcomes.
+One object steers B vehicles at once; it knows a planner, and no environment.
 """
 
 from abc import ABC, abstractmethod
@@ -20,7 +20,7 @@ from affmap.planning.planner import Generators, Objective, Planner
 
 
 class AgentState(NamedTuple):
-    """What B agents remember from step to step."""
+    """Memory of B agents from step to step."""
 
     planner: Any
     """State of their planner."""
@@ -36,45 +36,45 @@ class PlanningAgent(ABC):
     """B agents side by side.
 
     Attributes:
-        planner: how plans are made.
-        settings: what plans are for.
+        planner: the planner.
+        settings: the settings of control.
     """
 
     def __init__(self, planner: Planner, settings: ControlSettings) -> None:
-        """Take a planner and the numbers of control."""
+        """Set the planner and the settings of control."""
         self.planner, self.settings = planner, settings
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """The members' own seeds, M of them; 0 alone where nothing is learned."""
+        """Seeds of the M members; only 0 if nothing is learned."""
         return (0,)
 
     @abstractmethod
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
-        """Positions along candidates `[B, N, H, 4]`: a Gaussian of `[B, N, H, 2]`, u; `carry` as in `objective`."""
+        """Imagine positions along candidates `[B, N, H, 4]`: Gaussian of `[B, N, H, 2]`, u; `carry` see `objective`."""
 
     @abstractmethod
     def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
-        """The next carry, and the change of position in the next step if `action` `[B, 4]` is executed."""
+        """Predict the next carry and the change of position caused by `action` `[B, 4]`."""
 
     def initial_carry(self, num_problems: int) -> Carry:
-        """The hidden state where flights of B problems begin; empty where nothing is hidden."""
+        """Hidden state where flights of B problems begin; empty without one."""
         return ()
 
     def initial(self, num_problems: int) -> AgentState:
-        """The state before the first step, for B problems."""
+        """State before the first step, for B problems."""
         return AgentState(self.planner.initial(num_problems, self.settings.device), self.initial_carry(num_problems))
 
     def act(
         self, observation: Observation, state: AgentState, generators: Generators, watch: Watch | None = None
     ) -> tuple[Decision, AgentState]:
-        """Plan for all, from where the last plans ended.
+        """Plan for all vehicles, starting from the last plans.
 
         Args:
-            observation: what B vehicles sense now.
-            state: what `initial` or the last `act` returned.
+            observation: the present sensations of B vehicles.
+            state: the result of `initial` or of the last `act`.
             generators: a generator for each of the B.
-            watch: gets to see what the planner tries.
+            watch: called with the candidates of the planner and their costs.
 
         Returns:
             The decisions, and the state for the next step.
@@ -95,7 +95,7 @@ class PlanningAgent(ABC):
         return Decision(action, Gaussian(*(part[:, 0] for part in path)), delta), AgentState(planner_state, carry)
 
     def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:
-        """What plans are to minimise: the expected free energy of the paths that are imagined from an observation.
+        """Objective for plans: the expected free energy of the paths imagined from an observation.
 
         `carry` is that of the agents' state; without one, the flight begins here.
         """

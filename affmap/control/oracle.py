@@ -1,8 +1,8 @@
-"""Agents that know the true physics: what a perfect model would be worth, and each half of one.
+"""Agents that know the true physics, to measure the value of a perfect model and of each half of one.
 
 A model-predictive agent predicts a mean and a standard deviation of every step. An oracle takes both from the world, a
-half oracle takes one of them, and the other from a trained agent. Planner, sensors and starts are the same, so the
-differences are what that part of the model costs. (The paper has no such agents.)
+half oracle takes one of them, and the other from a trained agent. Planner, sensors and starts are the same, so
+the difference in performance is the cost of errors in that part of the model. (The paper has no such agents.)
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ from affmap.settings import ConfigError
 class Oracle(PlanningAgent):
     """B agents that plan with the true physics.
 
-    A step is known up to `step_std`; only the change of the position that is reported from inside fog has the noise of
-    both its ends. Variances add up along a path, as those of a model do.
+    A step is known up to `step_std`; only changes of position that are reported from inside fog have the noise of both
+    ends. Variances add up along a path, as those of a model do.
     """
 
     def __init__(
@@ -44,10 +44,10 @@ class Oracle(PlanningAgent):
         """Know the world that all agents fly in, or the worlds of B (member-major).
 
         Args:
-            layouts: one of them, or B.
+            layouts: one layout, or B.
             vehicle: its physical constants.
             planner: one that needs no gradients: physics has none.
-            settings: what plans are for.
+            settings: the settings of control.
             step_std: standard deviation of a true step outside fog, u; None for that of `conf/agent/oracle.yaml`.
 
         Raises:
@@ -67,16 +67,16 @@ class Oracle(PlanningAgent):
         self._twin = Twin(layouts, vehicle)
 
     def elsewhere(self, layouts: Sequence[Layout]) -> "Oracle":
-        """The same agent in another world, or in B others (member-major)."""
+        """Copy of the agent for another world, or for B others (member-major)."""
         return Oracle(layouts, self.vehicle, self.planner, self.settings, self.step_std)
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
-        """See `PlanningAgent.imagine`."""
+        """Imagine candidates, see `PlanningAgent.imagine`."""
         mean = self.true_path(observation, actions)
         return Gaussian(mean, self.true_log_std(observation, mean))
 
     def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
-        """See `PlanningAgent.predict`."""
+        """Predict the next step, see `PlanningAgent.predict`."""
         path = self.imagine(observation, action[:, None, None])
         return carry, Gaussian(path.mean[:, 0, 0] - observation.position, path.log_std[:, 0, 0])
 
@@ -100,7 +100,7 @@ class Oracle(PlanningAgent):
         return log_std[..., None].expand(path.shape)
 
     def _worlds(self, num_problems: int, number: int) -> np.ndarray:
-        """The number of the world of each of P paths, which are in the order of the problems.
+        """Index of the world of each path, `[number]`; paths are in the order of the problems.
 
         Raises:
             ConfigError: there are several worlds, but not one for each problem.
@@ -114,15 +114,15 @@ class Oracle(PlanningAgent):
 
 
 class HalfOracle(Oracle):
-    """B agents that take one half of what they imagine from a trained agent."""
+    """B agents that imagine one half with the true physics and the other with a trained agent."""
 
     def __init__(
         self, agent: Agent, layouts: Sequence[Layout], vehicle: Vehicle, true_mean: bool, step_std: float | None = None
     ) -> None:
-        """Take a trained agent, whose look-up is of the same worlds.
+        """Combine a trained agent, whose look-up is of the same worlds, with the true physics.
 
         Args:
-            agent: what plans, and what imagines the other half.
+            agent: the trained agent, which provides the planner and the learned half.
             layouts: see `Oracle`.
             vehicle: likewise.
             true_mean: whether means are true; otherwise standard deviations are.
@@ -132,7 +132,7 @@ class HalfOracle(Oracle):
         self.agent, self.true_mean = agent, true_mean
 
     def elsewhere(self, layouts: Sequence[Layout]) -> "HalfOracle":
-        """The same agent in another world, or in B others (member-major).
+        """Copy of the agent for another world, or for B others (member-major).
 
         Raises:
             ConfigError: the learned half was trained with other channels.
@@ -143,15 +143,15 @@ class HalfOracle(Oracle):
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """Those of the agent's members."""
+        """Seeds of the agent's members."""
         return self.agent.seeds
 
     def initial_carry(self, num_problems: int) -> Carry:
-        """That of the agent."""
+        """Hidden state where flights of B problems begin, from the agent."""
         return self.agent.initial_carry(num_problems)
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
-        """See `PlanningAgent.imagine`."""
+        """Imagine candidates, see `PlanningAgent.imagine`."""
         if not self.true_mean:
             mean = self.agent.imagine(observation, actions, carry).mean
             return Gaussian(mean, self.true_log_std(observation, mean))
@@ -161,7 +161,7 @@ class HalfOracle(Oracle):
         return rollout(self.agent.stack.transition, self.agent.lookup, situation, actions, path)
 
     def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
-        """See `PlanningAgent.predict`."""
+        """Predict the next step, see `PlanningAgent.predict`."""
         carry, learned = self.agent.predict(observation, action, carry)
         if self.true_mean:
             mean = self.true_path(observation, action[:, None, None])[:, 0, 0] - observation.position

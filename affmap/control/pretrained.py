@@ -1,4 +1,4 @@
-"""A trained agent, from a run or from the reference run that comes with the package."""
+"""Trained agents, from a run or from the reference run that comes with the package."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 from affmap.control.agent import Agent, ControlSettings
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, world
+from affmap.env.procedural import Procedural, first_layout
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import WEIGHTS, restore
@@ -26,64 +26,67 @@ def load(
     members: Sequence[int] = (0,),
     planner: Planner | str | None = None,
     layout: str | None = None,
+    transition: str | None = None,
 ) -> Agent:
-    """A trained agent in the world that it flew in; `fly` and `Pilot` take it anywhere.
+    """Load a trained agent in the world that it flew in; `fly` and `Pilot` take it anywhere.
 
     Args:
         source: the folder of an experiment's report, such as `runs/exp1`, with its store beside it; or the name of an
-            experiment of the reference run, `exp1` to `exp5` (a part of which is all that an installed package has).
+            experiment of the reference run, `exp1` to `exp5` (an installed package has only a part of it).
         context_size: C, of those that the experiment has.
-        members: which of its M members, by their seeds.
+        members: seeds of the members to load, of its M.
         planner: any planner; or the name of a file of `conf/planner`; by default that of the first job.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.)
+        transition: the kind of transition model, such as `gru`, of those that the experiment has; by default the first.
 
     Raises:
-        ConfigError: there is no such report, context size, layout, member or planner; the message says what there is.
-        StoreError: the weights are damaged.
+        ConfigError: there is no such report, context size, layout, transition model, member or planner; the message
+            says what there is.
+        StoreError: the weights are corrupted.
     """
     report = _report(source)
     record = manifest.read(report)
-    job = _job(record, report, context_size, layout)
+    job = _job(record, report, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
     stack = _stack(report.parent / "store" / "train", job["train"], members)
-    flown = world(_layout(config["control_layout"]), members[0])
+    first = first_layout(_layout(config["control_layout"]), members[0])
     return Agent(
         stack,
-        make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [flown.map]),
+        make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map]),
         _planner(planner, config["planner"]),
         ControlSettings.model_validate({"device": "cpu", **config["control"]}),
-        flown.channels,
+        first.channels,
     )
 
 
 def reference() -> Path:
-    """The folder of the reference run: inside an installed package, or in `runs` of a checkout."""
+    """Folder of the reference run: inside an installed package, or in `runs` of a checkout."""
     package = Path(__file__).parents[1]
     inside = package / "reference"
     return inside if inside.is_dir() else package.parent / "runs" / "reference"
 
 
 def experiments() -> list[str]:
-    """The names of the reference run's experiments."""
+    """Names of the reference run's experiments."""
     return sorted(path.parent.name for path in reference().glob("exp*/provenance.json"))
 
 
 class Origin(NamedTuple):
-    """What an experiment has."""
+    """Models and flights of an experiment."""
 
     context_sizes: list[int]
-    """C of the models that are there, ascending."""
+    """C of the available models, ascending."""
     planner: str
     """Kind of the first planner."""
     layout: str
-    """Name of the first layout that was flown in."""
+    """Name of the first layout of control."""
     channels: tuple[str, ...]
-    """What its models see, K names."""
+    """Names of the K channels that its models see."""
 
 
 def origin(source: str | Path) -> Origin:
-    """What an experiment has, of which `load` makes agents.
+    """Models and flights of an experiment, from which `load` makes agents.
 
     Raises:
         ConfigError: there is no such report.
@@ -93,7 +96,7 @@ def origin(source: str | Path) -> Origin:
     jobs = record["jobs"]
     there = {job["context_size"] for job in jobs if all(_weights(report, digest).is_file() for digest in job["train"])}
     channels = record["configs"]["data"]["training_layouts"][0]["channels"]
-    planner = provenance.config_of(record, jobs[0]["control"][0])["planner"]["kind"]  # though it may not have flown
+    planner = provenance.config_of(record, jobs[0]["control"][0])["planner"]["kind"]  # even if another agent flew
     return Origin(sorted(there), planner, jobs[0]["layout"], tuple(channels))
 
 
@@ -111,8 +114,10 @@ def _report(source: str | Path) -> Path:
     )
 
 
-def _job(record: Mapping[str, Any], report: Path, context_size: int, layout: str | None) -> dict[str, Any]:
-    """The first setting with a context size, and a layout if one is wanted."""
+def _job(
+    record: Mapping[str, Any], report: Path, context_size: int, layout: str | None, transition: str | None
+) -> dict[str, Any]:
+    """First setting with a context size and, unless None, a layout and a kind of transition model."""
     sizes = origin(report).context_sizes
     if not sizes:
         raise ConfigError(f"{report} has no models: its store, {report.parent / 'store'}, is not there.")
@@ -121,23 +126,34 @@ def _job(record: Mapping[str, Any], report: Path, context_size: int, layout: str
     layouts = list(dict.fromkeys(job["layout"] for job in record["jobs"]))
     if layout not in (None, *layouts):
         raise ConfigError(f"{report} has flights in {', '.join(layouts)}, and none in {layout!r}.")
-    jobs = [job for job in record["jobs"] if job["context_size"] == context_size]
-    return next(job for job in jobs if layout in (None, job["layout"]))
+    jobs = [job for job in record["jobs"] if job["context_size"] == context_size and layout in (None, job["layout"])]
+    kinds = [_transition(record, job) for job in jobs]
+    if transition not in (None, *kinds):
+        raise ConfigError(
+            f"{report} has transition models of the kinds {', '.join(dict.fromkeys(kinds))}; none is {transition!r}."
+        )
+    return next(job for job, kind in zip(jobs, kinds, strict=True) if transition in (None, kind))
+
+
+def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
+    """Kind of a setting's transition models."""
+    values = provenance.config_of(record, job["train"][0])["model"]
+    return ModelSettings.model_validate(values).transition.kind
 
 
 def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:
-    """Members of a training, or of those that its members were divided among."""
-    known: list[int] = []
+    """Load members of a training, or of one of the trainings that its members were divided among."""
+    all_seeds: list[int] = []
     for digest in digests:
-        made = check_file(store / digest, WEIGHTS)["config"]
-        seeds = range(made["seed"], made["seed"] + made["members"])
+        config = check_file(store / digest, WEIGHTS)["config"]
+        seeds = range(config["seed"], config["seed"] + config["members"])
         if members and all(member in seeds for member in members):
-            settings = ModelSettings.model_validate(made["model"])
-            whole = Stack(settings, len(made["training_layouts"][0]["channels"]), seeds)
+            settings = ModelSettings.model_validate(config["model"])
+            whole = Stack(settings, len(config["training_layouts"][0]["channels"]), seeds)
             return restore(whole, store / digest / WEIGHTS).select([seeds.index(member) for member in members])
-        known += seeds
+        all_seeds += seeds
     raise ConfigError(
-        f"members = {[*members]} is not allowed: {store.parent.parent} has {known}"
+        f"members = {[*members]} is not allowed: {store.parent.parent} has {all_seeds}"
         f"{', and those of one job only can fly together' if len(digests) > 1 else ''}."
     )
 
@@ -146,8 +162,8 @@ def _layout(values: Mapping[str, Any]) -> Layout | Procedural:
     return (Procedural if "properties" in values else Layout).model_validate(values)
 
 
-def _planner(planner: Planner | str | None, flown: Mapping[str, Any]) -> Planner:
+def _planner(planner: Planner | str | None, default: Mapping[str, Any]) -> Planner:
     if planner is not None and not isinstance(planner, str):
         return planner
-    values = read("planner", planner) if planner else flown
+    values = read("planner", planner) if planner else default
     return TypeAdapter[Planner](AnyPlanner).validate_python(values)

@@ -1,4 +1,4 @@
-"""Random throttles: what is reached by chance."""
+"""An agent with random throttles, as a baseline by chance."""
 
 from typing import Literal
 
@@ -25,5 +25,5 @@ class RandomAgent(Settings):
 
     def act(self, observation: Observation, state: None, generators: Generators) -> tuple[Decision, None]:
         """Draw the actions of each vehicle from its own generator; see `Controller.act`."""
-        drawn = np.stack([generator.random(4, np.float32) for generator in generators])
-        return Decision.without_prediction(torch.from_numpy(drawn).to(observation.position.device)), None
+        throttles = np.stack([generator.random(4, np.float32) for generator in generators])
+        return Decision.without_prediction(torch.from_numpy(throttles).to(observation.position.device)), None

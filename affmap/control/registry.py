@@ -1,4 +1,4 @@
-"""The agents that a configuration can name: those of this folder, and whatever else is registered."""
+"""Registry of the agents that a configuration can name: those of this folder and those registered by others."""
 
 from typing import Annotated, Literal, Protocol
 
@@ -32,18 +32,18 @@ class OracleSettings(Settings):
     """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
 
     kind: Literal["oracle", "true_mean", "true_deviation"]
-    """What of its imagination is true: all of it, or one half, the other half being the model's."""
+    """Part of the imagination that is true: all, the mean or the deviation; the rest comes from the model."""
     std: Positive
     """Standard deviation of a true step outside fog, u."""
 
 
 def is_learned(agent: "AgentSettings | OracleSettings | ConfiguredController") -> bool:
-    """Whether an agent imagines with a trained model, wholly or by half."""
+    """Whether an agent imagines with a trained model, wholly or in part."""
     return isinstance(agent, AgentSettings) or (isinstance(agent, OracleSettings) and agent.kind != "oracle")
 
 
 AnyAgent = Annotated[AgentSettings | OracleSettings | ConfiguredController, PlainValidator(_registry.choose)]
-"""A file of `conf/agent`; its `kind` tells which."""
+"""Settings from a file of `conf/agent`, distinguished by `kind`."""
 
 PLANNER = AgentSettings(kind="planner")
-"""The agent of all configurations that were written before there were others."""
+"""Default agent, also of all configurations that predate the others."""

@@ -1,4 +1,4 @@
-"""The numbers of control, apart from the code that needs torch (which takes seconds to import)."""
+"""Settings of control, in a module without torch, which takes seconds to import."""
 
 from pydantic import Field
 
@@ -6,7 +6,7 @@ from affmap.settings import Count, NonNegative, Positive, Settings
 
 
 class ControlSettings(Settings):
-    """How agents are controlled and evaluated (`conf/control`)."""
+    """Settings of control and its evaluation (`conf/control`)."""
 
     num_steps: Count
     """T, steps of a run."""
@@ -17,10 +17,10 @@ class ControlSettings(Settings):
     goal_std_far: Positive
     """Standard deviation of the desired position, u."""
     goal_std_near: Positive
-    """The same once the goal is near, u."""
+    """Standard deviation of the desired position once the goal is near, u."""
     near_distance: Positive
     """Distance to the goal below which it is near, u."""
     goal_radius: Positive
     """Distance to the goal below which it is reached, u."""
     device: str = Field(pattern=r"^(cpu|cuda(:[0-9]{1,2})?)$", exclude=True)
-    """Where to plan: cpu or cuda."""
+    """Device for planning: cpu or cuda."""

@@ -1,4 +1,4 @@
-"""Straight ahead: what is reached without looking at the world."""
+"""An agent that flies straight ahead, as a baseline without perception."""
 
 from typing import Literal
 
@@ -15,12 +15,12 @@ class StraightAgent(Settings):
     """Pushes straight towards the goal with the two throttles beside that direction (`conf/agent/straight.yaml`).
 
     It slows down: it steers from where it would be some steps later at its present speed, and near the goal closes the
-    throttles in proportion to what is left. It has no model, predicts nothing, and avoids nothing.
+    throttles in proportion to the remaining distance. It has no model, predicts nothing, and avoids nothing.
     """
 
     kind: Literal["straight"]
     foresight: NonNegative
-    """Steps that its speed is taken to last; 0 for a vehicle that does not brake before the goal."""
+    """Steps for which its speed is assumed to last; 0 for a vehicle that does not brake before the goal."""
     slow_distance: Positive
     """Distance along the direction of a throttle from which that throttle is fully open, u."""
 

@@ -1,4 +1,4 @@
-"""Data sets: exploration of the training worlds, and its sequences as batches for training."""
+"""Data sets: exploration of the training layouts, and its sequences as batches for training."""
 
 import lazy_loader
 

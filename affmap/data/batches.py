@@ -1,6 +1,6 @@
 """The data set as batches for training: sequences cut into chunks, views as references to distinct windows.
 
-Knows data sets and Lightning; knows no models beyond the form in which they want views.
+Knows data sets and Lightning, and of models only the form of their views.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from affmap.store.files import guarded_read
 
 
 class Batch(NamedTuple):
-    """A chunk of T steps of B sequences; the leading 1 is where members stand: all see the same."""
+    """A chunk of T steps of B sequences; the leading 1 is the axis of members, which share all data."""
 
     views: Windows
     """Views before each step, `[1, B, T]`."""
@@ -35,16 +35,16 @@ class Batch(NamedTuple):
 
 
 def read(path: Path) -> Batch:
-    """A data set (see `affmap.data.collect`) as one batch of all its S sequences."""
-    found = read_dataset(path)
+    """Read a data set (see `affmap.data.collect`) as one batch of all its S sequences."""
+    arrays = read_dataset(path)
     with guarded_read(path):
-        delta = torch.from_numpy(np.diff(found["position"], axis=1, prepend=found["position"][:, :1]))
-        views, action = torch.from_numpy(found["view"]), torch.from_numpy(found["action"])
+        delta = torch.from_numpy(np.diff(arrays["position"], axis=1, prepend=arrays["position"][:, :1]))
+        views, action = torch.from_numpy(arrays["view"]), torch.from_numpy(arrays["action"])
     return Batch(take_apart(views[None]), delta[None, :, :-1], action[None], delta[None, :, 1:], is_first=True)
 
 
 class Chunks(IterableDataset[list[Batch]]):
-    """Sequences in a given order, some at once: all their chunks, which follow each other in time."""
+    """Batches of sequences in a given order: for each batch all chunks, which follow each other in time."""
 
     def __init__(self, data: Batch, order: np.ndarray, batch_size: int, chunk_length: int) -> None:
         """`order` holds the numbers of the sequences; the last batch and the last chunk may be shorter."""
@@ -65,16 +65,16 @@ class DataModule(lightning.LightningDataModule):
     """Training and validation batches of a data set on disk.
 
     The order of the batches follows from the data set's seed and the epoch alone: members share it, and a resumed
-    training sees what an undisturbed one would have seen.
+    training sees the same batches as an undisturbed one.
     """
 
     def __init__(self, path: Path, exploration: Exploration, batch_size: int, chunk_length: int) -> None:
-        """Read the data set at `path`; each world's last `num_validation` sequences are kept for validation."""
+        """Read the data set at `path`; each layout's last `num_validation` sequences are kept for validation."""
         super().__init__()
         self._data = read(path)
         self._exploration = exploration
         self._batch_size, self._chunk_length = batch_size, chunk_length
-        sequences = np.arange(self._data.action.shape[1]).reshape(-1, exploration.num_sequences)  # a row for each world
+        sequences = np.arange(self._data.action.shape[1]).reshape(-1, exploration.num_sequences)  # a row per layout
         num_training = exploration.num_sequences - exploration.num_validation
         self._training, self._validation = sequences[:, :num_training].ravel(), sequences[:, num_training:].ravel()
 
@@ -84,7 +84,7 @@ class DataModule(lightning.LightningDataModule):
         return self._validation
 
     def train_dataloader(self) -> DataLoader[list[Batch]]:
-        """Batches of the present epoch, in its own order."""
+        """Batches of the current epoch, in its own order."""
         epoch = self.trainer.current_epoch if self.trainer else 0
         return self._loader(generator(self._exploration.seed, "batch order", epoch).permutation(self._training))
 

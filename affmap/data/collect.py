@@ -1,8 +1,8 @@
-"""Exploration -> data set: fly at random, keep what the vehicle senses and does.
+"""Exploration -> data set: fly at random, record sensors and actions.
 
 Knows the environment; knows no models.
 
-Arrays of a data set (S sequences, those of one world after the other; T steps; lengths in u):
+Arrays of a data set (S sequences, layout by layout; T steps; lengths in u):
 
 | array | shape | meaning |
 |---|---|---|
@@ -36,7 +36,7 @@ def collect(
     exploration: Exploration,
     on_sequence: Callable[[int], None] = lambda sequence: None,
 ) -> dict[str, np.ndarray]:
-    """Explore worlds at random (Appendix A); arrays as in the table above.
+    """Explore layouts at random (Appendix A); arrays as in the table above.
 
     Every sequence starts at rest at a free place drawn uniformly, and has random streams of its own. `on_sequence`
     is called with the number of each finished sequence.
@@ -59,7 +59,7 @@ def collect(
             record["true_position"].append(info["position"])
             record["touching"].append(info["touching"])
         arrays = {key: np.array(values) for key, values in record.items()}
-        arrays["view"] = env.probe(arrays["true_position"][:-1])  # all at once: a fraction of the time of one by one
+        arrays["view"] = env.probe(arrays["true_position"][:-1])  # all at once, which is much faster
         sequences.append(arrays | {"true_position": arrays["true_position"].astype(np.float32)})
         on_sequence(sequence)
     return {key: np.array([arrays[key] for arrays in sequences]) for key in sequences[0]}
@@ -78,7 +78,7 @@ def random_actions(exploration: Exploration, rng: np.random.Generator) -> list[n
 
 
 def free_position(layout: Layout, vehicle: Vehicle, rng: np.random.Generator) -> np.ndarray:
-    """A place for the vehicle, `[2]` in u, uniform over all free places.
+    """Draw a place for the vehicle, `[2]` in u, uniformly over all free places.
 
     Raises:
         ValueError: ten thousand draws found none.
@@ -94,7 +94,7 @@ def free_position(layout: Layout, vehicle: Vehicle, rng: np.random.Generator) ->
 
 
 def coverage(layout: Layout, vehicle: Vehicle, positions: np.ndarray, cell: float = CELL) -> dict[str, np.ndarray]:
-    """How well `positions` `[..., 2]` (u) cover a world.
+    """The coverage of a layout by `positions` `[..., 2]` (u).
 
     Returns:
         `counts` `[Y, X]`, visits of each square of side `cell` (u); `free` `[Y, X]` bool, whether the vehicle can be

@@ -8,16 +8,16 @@ from affmap.settings import Count, Seed, Settings, Share
 
 
 class Exploration(Settings):
-    """How data are collected (`conf/data`)."""
+    """Settings of exploration (`conf/data`)."""
 
     seed: Seed
     """Seed of exploration and of the batch order."""
     num_sequences: Count
-    """Sequences in each world."""
+    """Sequences in each layout."""
     num_steps: Count
     """T, steps of a sequence."""
     num_validation: Count
-    """How many of the sequences of each world, the last ones, are kept for validation."""
+    """Number of sequences of each layout, its last ones, for validation."""
     max_hold: Count
     """Each action is held for 1 to `max_hold` steps; longer holds reach higher speeds."""
     binary_share: Share

@@ -1,4 +1,4 @@
-"""The simulated world: layouts, physics, and the vehicle as Gymnasium environments."""
+"""The simulation: layouts, physics, and the vehicle as Gymnasium environments."""
 
 import lazy_loader
 

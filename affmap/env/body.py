@@ -1,4 +1,4 @@
-"""The vehicle as data: its throttles and physical constants, and what pictures show of it. Knows no simulator."""
+"""The vehicle as data: its throttles and physical constants. Knows no simulator."""
 
 import math
 from typing import Self
@@ -10,13 +10,6 @@ from affmap.settings import Count, NonNegative, Positive, Settings
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
-
-
-JET = 0.12
-"""Length of the line that stands for an open throttle in pictures, u."""
-
-NUM_DEVIATIONS = 3
-"""Radius of the circles along an imagined path in pictures, in standard deviations."""
 
 
 class Vehicle(Settings):
@@ -59,5 +52,5 @@ class Vehicle(Settings):
         if self.damping == 0:
             return math.inf
         # In a step Box2D adds the thrust, then scales by 1 - damping * time step.
-        kept = 1 - self.damping * self.time_step_s
-        return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * kept
+        scale = 1 - self.damping * self.time_step_s
+        return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * scale

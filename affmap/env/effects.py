@@ -1,20 +1,20 @@
-"""What a circle of a world can do to the vehicle: one table for physics, pictures and reports (leaf).
+"""Effects of circles on the vehicle: one table for physics, pictures and reports (leaf).
 
-A force that pulls in another direction is one more line of it.
+A force in another direction is one more line of it.
 """
 
 from typing import NamedTuple
 
 
 class Effect(NamedTuple):
-    """An effect, and how readers see it."""
+    """An effect, its label and its colour."""
 
     label: str
-    """What legends call it."""
+    """Label in legends."""
     color: str
     """`#rrggbb`."""
     pull: tuple[float, float] | None = None
-    """Direction in which it pulls, x and y; None where it does not."""
+    """Direction of its pull, x and y; None if it does not pull."""
 
 
 EFFECTS = {

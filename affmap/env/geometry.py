@@ -1,4 +1,4 @@
-"""Geometry of layouts: distances to their borders and circles, and whether a layout can be crossed."""
+"""Geometry of layouts: distances to borders and circles, reachable places, and whether there is a way."""
 
 import math
 from collections.abc import Sequence
@@ -34,8 +34,8 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
     """Whether the vehicle can get from `start` to `goal` `[2]` (u) steering freely all the way.
 
     It must touch no obstacle and no border, stay out of fog, and pass only places where two throttles can push against
-    the force fields that act there. That is sufficient, up to the grid, on which start and goal count at
-    their nearest points; it is not necessary: a vehicle may also be carried through a field, or find its way in fog.
+    the force fields that act there. That is sufficient, up to the grid, on which start and goal move to their nearest
+    points; it is not necessary: a vehicle may also be carried through a field, or find its way in fog.
     """
     from scipy import ndimage  # takes a tenth of a second to import
 
@@ -95,7 +95,7 @@ def beside(distance: Floats, radius: float) -> Mask:
 
 
 def sees_only(nodes: Floats, layout: Layout, things: Sequence[str | Circle]) -> Mask:
-    """Where the view around a node shows none of the border sides and circles but `things`."""
+    """Whether the view at the positions `[..., 2]` shows none of the border sides and circles but `things`: `[...]`."""
     half = EXTENT / 2
     clear = np.ones(nodes.shape[:-1], dtype=bool)
     for side in DIRECTIONS:

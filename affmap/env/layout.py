@@ -1,7 +1,7 @@
-"""Worlds as data: what lies where, what it does and how it looks.
+"""Layouts: positions, effects and looks of the circles in an arena.
 
-What a circle does (its effect) and what it looks like (the channel of the view it is painted in) are separate.
-A layout knows nothing of physics; `conf/layout` holds the fixed ones.
+The effect of a circle and its look (its channel of the view) are separate. A layout knows nothing of physics;
+`conf/layout` holds the fixed ones.
 """
 
 from collections.abc import Sequence
@@ -14,16 +14,16 @@ from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import EFFECTS
 from affmap.settings import Line, Name, Neutral, Number, Positive, Settings
-from affmap.view import Map
+from affmap.view import VisibleLayout
 
 
-def _known(effect: str) -> str:
+def _check_effect(effect: str) -> str:
     if effect not in EFFECTS:
         raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}")
     return effect
 
 
-EffectName = Annotated[str, AfterValidator(_known)]
+EffectName = Annotated[str, AfterValidator(_check_effect)]
 """A key of `affmap.env.effects.EFFECTS`."""
 
 Acts = Literal["center", "rim"]
@@ -31,30 +31,30 @@ Acts = Literal["center", "rim"]
 
 
 class Circle(Settings):
-    """A round part of the world."""
+    """A circle of a layout."""
 
     center: tuple[Number, Number]
     """x, y in u."""
     radius: Positive
     """u."""
     effect: EffectName
-    """What it does to the vehicle: blocks it, corrupts its reported position, pulls it, or nothing."""
+    """Its effect on the vehicle: blocks it, adds noise to its reported position, pulls it, or nothing."""
     channel: Line
     """Name of the channel of the view that it is painted in."""
 
     @property
     def x(self) -> float:
-        """Of the center, u."""
+        """X of the center, u."""
         return self.center[0]
 
     @property
     def y(self) -> float:
-        """Of the center, u."""
+        """Y of the center, u."""
         return self.center[1]
 
 
 class Arena(Settings):
-    """What all worlds have: borders, the squares in the corners where runs start and end, and how things look.
+    """The arena of a layout: borders, the squares in the corners where runs start and end, and channels of the view.
 
     Corners are numbered 0 lower left, 1 lower right, 2 upper left, 3 upper right; `3 - corner` is the opposite one.
     """
@@ -71,7 +71,7 @@ class Arena(Settings):
     start_side: Positive
     """Side of the corner squares, u."""
     acts: Annotated[Acts, Neutral("rim")]
-    """Where fog and force fields act; obstacles are touched."""
+    """When fog and force fields act; obstacles act by touch."""
 
     @model_validator(mode="after")
     def _check_arena(self) -> Self:
@@ -88,7 +88,7 @@ class Arena(Settings):
 
 
 class Layout(Arena):
-    """A world: an arena and what lies in it."""
+    """A layout: an arena and its circles."""
 
     circles: tuple[Circle, ...]
 
@@ -108,10 +108,10 @@ class Layout(Arena):
         return self
 
     @cached_property
-    def map(self) -> Map:
-        """What can be seen of this world."""
+    def map(self) -> VisibleLayout:
+        """The visible part of this layout."""
         circles = tuple((*circle.center, circle.radius, self.channels.index(circle.channel)) for circle in self.circles)
-        return Map(self.size, len(self.channels), self.channels.index(self.border_channel), circles)
+        return VisibleLayout(self.size, len(self.channels), self.channels.index(self.border_channel), circles)
 
     def corner(self, corner: int) -> np.ndarray:
         """Lower left and upper right point of a corner's square, `[2, 2]` in u."""
@@ -127,7 +127,7 @@ class Layout(Arena):
         return radius if circle.effect == "obstacle" or self.acts == "rim" else 0.0
 
     def is_free(self, positions: np.ndarray, radius: float) -> np.ndarray:
-        """Where a disc of `radius` (u) around each of `positions` `[..., 2]` meets nothing solid: `[...]`."""
+        """Whether a disc of `radius` (u) around each of `positions` `[..., 2]` meets nothing solid: `[...]`."""
         inside = (positions >= radius) & (positions <= np.array(self.size) - radius)
         free = np.asarray(inside.all(-1))
         for circle in self.obstacles:
@@ -157,7 +157,7 @@ class Layout(Arena):
 
     @cached_property
     def _corner_gaps(self) -> list[tuple[int, int, float]]:
-        """Corner, index of an obstacle, and the distance between the corner's square and that obstacle (u), of all."""
+        """Corner, index of an obstacle, and distance between the corner's square and that obstacle (u), for all."""
         obstacles = [(index, circle) for index, circle in enumerate(self.circles) if circle.effect == "obstacle"]
         gaps = []
         for corner, (index, circle) in product(range(4), obstacles):

@@ -1,7 +1,7 @@
 """A disc with four throttles in a Box2D world: forces in, position out.
 
-Knows no observations, rewards or pictures. A `Physics` is one world from start to end; begin anew by making a new
-one, because a Box2D world that bodies were removed from is not the world it was.
+Knows no observations, rewards or pictures. A `Physics` is one Box2D world from start to end; make a new one for a new
+start, because removing bodies does not restore a Box2D world.
 """
 
 import math
@@ -14,7 +14,7 @@ from affmap.env.effects import EFFECTS, PULLS
 from affmap.env.layout import Layout
 
 TOUCH = 10 * float(np.finfo(np.float32).eps)
-"""u; shapes that Box2D finds to be nearer than this overlap. Terrains, which are no part of its world, do as well."""
+"""u; Box2D counts shapes nearer than this as overlapping. So do we for terrains, which are no part of its world."""
 
 
 class Physics:
@@ -60,7 +60,7 @@ class Physics:
     def step(self, action: np.ndarray) -> None:
         """Apply the throttles `action` `[4]`, each in [0, 1], for one time step.
 
-        Damping and force fields act as the vehicle's place at the beginning of the step demands.
+        Damping and force fields are those of the vehicle's place at the beginning of the step.
         """
         vehicle = self.vehicle
         effects = self._effects
@@ -74,8 +74,8 @@ class Physics:
         self._feel()
 
     def _feel(self) -> None:
-        """Count how many things of each effect act on the vehicle at its present place."""
-        # Box2D finds contacts at the beginning of a step; one that takes no time finds those of now and moves nothing.
+        """Count the things of each effect that act on the vehicle at its current place."""
+        # Box2D finds contacts at the beginning of a step; a step of no time finds the current ones and moves nothing.
         self._world.Step(0.0, self.vehicle.velocity_iterations, self.vehicle.position_iterations)
         effects = self._effects = dict.fromkeys(EFFECTS, 0)
         effects["obstacle"] = sum(edge.contact.touching for edge in self._body.contacts)

@@ -1,14 +1,14 @@
-"""Worlds drawn at random under the rules of Experiment V: how many circles, how large, how far apart.
+"""Layouts drawn at random under the rules of Experiment V: number, size and distance of circles.
 
 A draw begins as the paper describes it: numbers and radii uniform between their limits, every circle anywhere. Then
 spaced circles that are too near to each other are pushed apart, round after round. Meanwhile all of them shrink in
-proportion towards the smallest radius, and those above the smallest number are taken away one by one, each at a moment
-of its own. The first round in which every rule holds ends the draw, so nothing gives way further than it must.
+proportion towards the smallest radius, and those above the smallest number are removed one by one, each at a time of
+its own. The first round in which every rule holds ends the draw, so nothing gives way further than it must.
 
-What that does to the distribution: where there is room, as for a few circles in a world, most numbers are as drawn and
-radii reach far up. Where there is not, as for 24 to 40 circles that all keep their gap, a world has little more than
+The effect on the distribution: where there is room, as for a few circles in a layout, most numbers are as drawn and
+radii reach far up. Where there is not, as for 24 to 40 circles that all keep their gap, a layout has little more than
 the smallest number, radii are uniform up to a limit that hardly exceeds the smallest, and places are spread evenly.
-Circles that need not keep the gap are never pushed, shrunk or taken away: they are as the paper draws them.
+Circles that need not keep the gap are never pushed, shrunk or removed: they are as the paper draws them.
 """
 
 import math
@@ -24,19 +24,19 @@ from affmap.settings import Count, Line, NonNegative, Positive, Settings, read
 ROUNDS = 300
 """Rounds in which the circles shrink; as many again follow at the smallest radius."""
 ATTEMPTS = 10
-"""Draws before the settings are given up as impossible; nearly every first one succeeds where any does."""
+"""Draws before the settings count as impossible; nearly every first one succeeds if any does."""
 SLACK = 0.03
-"""Circles are pushed this much further apart than they must be, in smallest radii: pushing comes close, never quite."""
+"""Extra distance by which circles are pushed apart, in smallest radii: pushing converges without quite arriving."""
 
 NumCircles = Annotated[Count, Field(le=1000)]
-"""How many circles; a draw compares each with each, hundreds of times."""
+"""Number of circles; a draw compares each with each, hundreds of times."""
 
 
 class Property(Settings):
     """A kind of circle."""
 
     effect: EffectName
-    """What it does to the vehicle."""
+    """Its effect on the vehicle."""
     channel: Line
     """Name of the channel of the view that it is painted in."""
     spaced: bool
@@ -44,12 +44,12 @@ class Property(Settings):
 
 
 class Procedural(Arena):
-    """Rules for random worlds (`conf/layout/procedural_*.yaml`)."""
+    """Rules for random layouts (`conf/layout/procedural_*.yaml`)."""
 
     count: tuple[NumCircles, NumCircles]
     """Smallest and largest number of circles."""
     count_of: Literal["property", "world"]
-    """Whether that is the number of each property's circles, or of all, each of a property drawn at random."""
+    """Whether `count` is the number of each property's circles, or of all, each of a property drawn at random."""
     radius: tuple[Positive, Positive]
     """Smallest and largest radius, u."""
     gap: NonNegative
@@ -91,17 +91,17 @@ class Procedural(Arena):
         return self
 
     def draw(self, rng: np.random.Generator) -> Layout:
-        """A world that obeys every rule.
+        """Draw a layout that obeys every rule.
 
         Raises:
-            ValueError: none was found, so many or so large circles do not fit.
+            ValueError: none was found, because the circles are too many or too large.
         """
-        for _ in range(ATTEMPTS if self._has_area() else 0):  # in vain, many circles take minutes
+        for _ in range(ATTEMPTS if self._has_area() else 0):  # a vain draw of many circles takes minutes
             circles = self._attempt(rng)
             if circles is not None:
                 return Layout(circles=circles, **{key: getattr(self, key) for key in Arena.model_fields})
         raise ValueError(
-            f"layout {self.name!r}: no world was found, not even with the smallest count and "
+            f"layout {self.name!r}: no layout was found, not even with the smallest count and "
             f"radius; make count = {list(self.count)}, radius = {list(self.radius)}, gap = {self.gap} or "
             f"corner_side = {self.corner_side} smaller, or size = {list(self.size)} larger."
         )
@@ -109,14 +109,14 @@ class Procedural(Arena):
     def _has_area(self) -> bool:
         """Whether the fewest and smallest circles, each with half of the gap around it, have less area than the arena.
 
-        Where circles are of kinds drawn at random, perhaps none of them is spaced.
+        If the kinds of circles are drawn at random, it may be that none is spaced.
         """
         spaced = [kind.spaced for kind in self.properties]
         groups = sum(spaced) if self.count_of == "property" else all(spaced)
         return groups * self.count[0] * math.pi * (self.radius[0] + self.gap / 2) ** 2 < math.prod(self.size)
 
     def _attempt(self, rng: np.random.Generator) -> tuple[Circle, ...] | None:
-        """The circles of a world, or nothing if those drawn do not fit."""
+        """Draw the circles of a layout; None if they do not fit."""
         fewest, most = self.count
         if self.count_of == "property":
             counts = rng.integers(fewest, most, len(self.properties), endpoint=True)
@@ -126,28 +126,28 @@ class Procedural(Arena):
             kinds = rng.integers(len(self.properties), size=rng.integers(fewest, most, endpoint=True))
             extra = np.arange(len(kinds)) >= fewest
         spaced = np.array([kind.spaced for kind in self.properties])[kinds]
-        drawn = rng.uniform(*self.radius, len(kinds))
-        leaves = np.where(spaced & extra, rng.uniform(size=len(kinds)), math.inf)  # at which progress
-        positions = self._scatter(drawn, rng)
+        full = rng.uniform(*self.radius, len(kinds))  # radii before they shrink
+        leaves = np.where(spaced & extra, rng.uniform(size=len(kinds)), math.inf)  # progress at which a circle leaves
+        positions = self._scatter(full, rng)
         for progress in np.minimum(np.arange(2 * ROUNDS) / ROUNDS, 1.0):
             stays = leaves > progress
-            positions, kinds, spaced, drawn, leaves = (
-                array[stays] for array in (positions, kinds, spaced, drawn, leaves)
+            positions, kinds, spaced, full, leaves = (
+                array[stays] for array in (positions, kinds, spaced, full, leaves)
             )
-            radii = np.where(spaced, drawn + progress * (self.radius[0] - drawn), drawn)
-            pushed = self._push(positions, radii, spaced)
-            if pushed is None:
+            radii = np.where(spaced, full + progress * (self.radius[0] - full), full)
+            new_positions = self._push(positions, radii, spaced)
+            if new_positions is None:
                 return tuple(
                     Circle(center=(float(x), float(y)), radius=float(radius), effect=kind.effect, channel=kind.channel)
                     for (x, y), radius, kind in zip(positions, radii, (self.properties[k] for k in kinds), strict=True)
                 )
-            positions = pushed
+            positions = new_positions
         return None
 
     def _scatter(self, radii: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """For each of `radii` `[n]` (u) a place, anywhere that keeps off borders and corner squares: `[n, 2]` in u.
+        """Draw places for circles of `radii` `[n]` (u), off borders and corner squares: `[n, 2]` in u.
 
-        Of 100 tries; where none keeps off the corners, which takes an arena of little else, `_push` sees to it.
+        The first of 100 tries off the corners; if there is none, in an arena of little else, `_push` corrects it.
         """
         low = (self.gap + radii)[:, None]
         places = rng.uniform(low, np.array(self.size) - low, (100, len(radii), 2))
@@ -155,7 +155,7 @@ class Procedural(Arena):
         return places[first, np.arange(len(radii))]
 
     def _push(self, positions: np.ndarray, radii: np.ndarray, spaced: np.ndarray) -> np.ndarray | None:
-        """Where circles at `positions` `[n, 2]` go that are too near to something, `[n, 2]`; nothing if none is."""
+        """Push apart circles at `positions` `[n, 2]` that are too near to something: `[n, 2]`; None if none is."""
         slack = SLACK * self.radius[0]
         (x, y), reach = positions.T, np.where(spaced, radii + self.gap / 2, -math.inf)
         distances = np.hypot(x[:, None] - x, y[:, None] - y)
@@ -164,7 +164,7 @@ class Procedural(Arena):
         beyond = self._beyond_corner(positions)
         if lacks.max() <= 0 and (np.hypot(*beyond.T) >= radii).all():
             return None  # borders are kept at all times
-        # Half of what is lacking, because the other circle moves as well.
+        # Half of the missing distance, because the other circle moves as well.
         shares = np.maximum(lacks + slack, 0) / 2 / np.maximum(distances, slack)
         apart = shares.sum(1, keepdims=True) * positions - shares @ positions
         beyond = np.maximum(beyond, slack)  # never zero: even from inside a corner square there is a way out
@@ -181,7 +181,7 @@ class Procedural(Arena):
 
 
 def is_procedural(name: str) -> bool:
-    """Whether `conf/layout/<name>.yaml` holds rules rather than a world.
+    """Whether `conf/layout/<name>.yaml` holds rules rather than a layout.
 
     Raises:
         ConfigError: there is no such file.
@@ -189,18 +189,18 @@ def is_procedural(name: str) -> bool:
     return "properties" in read("layout", name)
 
 
-def world(layout: Layout | Procedural | str, seed: int) -> Layout:
-    """One world: a layout as it is, also by its name in `conf/layout`; of rules the first that member `seed` flies in.
+def first_layout(layout: Layout | Procedural | str, seed: int) -> Layout:
+    """A layout as it is, also by its name in `conf/layout`; of rules, the first layout of member `seed`.
 
     Raises:
         ConfigError: there is no such file, or a value in it is not allowed.
     """
-    found = load(layout) if isinstance(layout, str) else layout
-    return found.draw(generator(seed, "world", 0)) if isinstance(found, Procedural) else found
+    rules = load(layout) if isinstance(layout, str) else layout
+    return rules.draw(generator(seed, "world", 0)) if isinstance(rules, Procedural) else rules
 
 
 def load(name: str) -> Layout | Procedural:
-    """The world of `conf/layout/<name>.yaml`, or its rules for worlds.
+    """Load the layout of `conf/layout/<name>.yaml`, or its rules for layouts.
 
     Raises:
         ConfigError: there is no such file, or a value in it is not allowed.

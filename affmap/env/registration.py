@@ -1,6 +1,6 @@
-"""The environments' names in Gymnasium: `affmap/Vehicle-v0` for any layout, and one for each file of `conf/layout`.
+"""Registration with Gymnasium: `affmap/Vehicle-v0` for any layout, and one environment for each file of `conf/layout`.
 
-Needs Gymnasium only where it is there already: importing it takes longer than importing the rest of the package.
+Does not import Gymnasium, which takes longer than importing the rest of the package, but waits for others to do so.
 """
 
 import re
@@ -15,7 +15,7 @@ MAX_EPISODE_STEPS = 200
 
 
 def register() -> None:
-    """Make the environments known to `gymnasium.make`; those that are known already stay as they are."""
+    """Register the environments for `gymnasium.make`; those that are registered already stay as they are."""
     import gymnasium
 
     for name, arguments in environments().items():
@@ -43,7 +43,7 @@ def environments() -> dict[str, dict[str, str]]:
 
 
 def register_when_needed() -> None:
-    """Register now where Gymnasium has been imported, else as soon as somebody imports it."""
+    """Register now if Gymnasium has been imported, else as soon as it is."""
     if "gymnasium" in sys.modules:
         register()
     else:
@@ -51,9 +51,9 @@ def register_when_needed() -> None:
 
 
 class _AfterGymnasium(MetaPathFinder):
-    """Waits for the import of Gymnasium, lets others do it, registers, and is gone.
+    """Registers the environments after the import of Gymnasium by other finders, and removes itself.
 
-    Who only asks whether Gymnasium is there gets the same answer, and imports nothing.
+    `find_spec("gymnasium")` still answers correctly and imports nothing.
     """
 
     def find_spec(

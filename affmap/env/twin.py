@@ -1,6 +1,6 @@
-"""A twin of `Physics` for many vehicles at once, without Box2D: what an agent that knows the world imagines.
+"""A twin of `Physics` for many vehicles at once, without Box2D: the imagination of oracles.
 
-The vehicle itself flies in Box2D; how far its twin is off is a test (`tests/env/test_twin.py`).
+The vehicle itself flies in Box2D; a test bounds the deviation of its twin (`tests/env/test_twin.py`).
 """
 
 import math
@@ -16,10 +16,10 @@ from affmap.env.physics import TOUCH
 
 
 class Twin:
-    """Vehicles in one or several worlds."""
+    """The physics of vehicles in one or several layouts."""
 
     def __init__(self, layouts: Sequence[Layout], vehicle: Vehicle) -> None:
-        """Take W worlds, and the vehicle that flies in each of them."""
+        """Take W layouts, and the vehicle that flies in each of them."""
         own = {key: getattr(vehicle, key) for key in Body._fields if key in Vehicle.model_fields}
         self._body = Body(time_step=vehicle.time_step_s, throttles=THROTTLES, **own)
         self._worlds = Worlds(
@@ -29,14 +29,14 @@ class Twin:
         self._fog = _padded([_terrains(layout, vehicle, {"fog": ()}) for layout in layouts])
 
     def __len__(self) -> int:
-        """W, the number of worlds."""
+        """W, the number of layouts."""
         return len(self._worlds.solids)
 
     def fly(self, world: np.ndarray, position: np.ndarray, velocity: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Let P vehicles fly for H steps.
 
         Args:
-            world: `[P]`, the number of each vehicle's world.
+            world: `[P]`, the index of each vehicle's layout.
             position: `[P, 2]`, u.
             velocity: `[P, 2]`, u/step.
             actions: `[P, H, 4]`.
@@ -45,7 +45,7 @@ class Twin:
             Positions after each step, `[P, H, 2]` in u.
 
         Raises:
-            IndexError: there is no such world.
+            IndexError: there is no such layout.
         """
         self._check(world)
         paths = np.empty((*actions.shape[:2], 2))
@@ -57,7 +57,7 @@ class Twin:
         """Whether vehicles at `position` `[P, 2]` (u) are in fog, `[P]`; `world` as in `fly`.
 
         Raises:
-            IndexError: there is no such world.
+            IndexError: there is no such layout.
         """
         self._check(world)
         result = np.empty(len(position), bool)
@@ -65,7 +65,7 @@ class Twin:
         return result
 
     def _check(self, world: np.ndarray) -> None:
-        """Compiled loops would read whatever lies behind the last world."""
+        """Check indices, because compiled loops would read beyond the last layout."""
         if len(world) and not 0 <= world.min() <= world.max() < len(self):
             raise IndexError(f"world has numbers from {world.min()} to {world.max()}; there are {len(self)} worlds.")
 
@@ -78,7 +78,7 @@ def _solids(layout: Layout, vehicle: Vehicle) -> np.ndarray:
 
 
 def _terrains(layout: Layout, vehicle: Vehicle, effects: Mapping[str, tuple[float, ...]]) -> np.ndarray:
-    """Centre, limit, and values of the effect, of the circles with one of some effects."""
+    """Centre, limit and values of the effect of each circle with one of some effects."""
     rows = [
         (*circle.center, circle.radius + layout.reach(circle, vehicle.radius) + TOUCH, *effects[circle.effect])
         for circle in layout.circles
@@ -89,6 +89,6 @@ def _terrains(layout: Layout, vehicle: Vehicle, effects: Mapping[str, tuple[floa
 
 
 def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Tables of different lengths as one array; the rows that fill up are limits of -inf, wherever these stand."""
+    """Stack tables of different lengths; they are padded with rows of -inf, limits that nothing is below."""
     rows = max(map(len, parts))
     return np.stack([np.vstack([part, np.full((rows - len(part), part.shape[1]), -math.inf)]) for part in parts])

@@ -1,4 +1,4 @@
-"""Many vehicles in one process, for reinforcement learning: the views of a step are cut out all at once."""
+"""Many vehicles in one process, for reinforcement learning: all views of a step are cut out at once."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -16,10 +16,10 @@ Step = tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str
 
 
 class VehicleVectorEnv(SyncVectorEnv):
-    """N environments that see and do what each does alone, in half the time of Gymnasium's own vector of them.
+    """N environments that behave as each does alone, in half the time of Gymnasium's own vector of them.
 
-    `gymnasium.make_vec` makes one where no `vectorization_mode` is given. A vehicle whose episode was truncated begins
-    a new one in the next step (`AutoresetMode.NEXT_STEP`).
+    `gymnasium.make_vec` makes one by default. A vehicle whose episode was truncated begins a new one in the next step
+    (`AutoresetMode.NEXT_STEP`).
     """
 
     envs: list[VehicleEnv]  # type: ignore[assignment]  # typed as any environments
@@ -37,9 +37,9 @@ class VehicleVectorEnv(SyncVectorEnv):
         Args:
             num_envs: N.
             max_episode_steps: steps after which an episode is truncated; None or -1: never.
-            layout: the world, or rules for worlds, as for `VehicleEnv`.
+            layout: a layout, or rules for layouts, as for `VehicleEnv`.
             views: whether observations hold the view.
-            arguments: the others of `VehicleEnv`.
+            arguments: other arguments of `VehicleEnv`.
         """
         arena = load(layout) if isinstance(layout, str) else layout
         super().__init__([partial(VehicleEnv, arena, views=views, **arguments)] * num_envs)
@@ -51,7 +51,7 @@ class VehicleVectorEnv(SyncVectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Begin new episodes; of a single seed, environment `i` gets `seed + i`.
+        """Begin new episodes; from a single seed, environment `i` gets `seed + i`.
 
         Raises:
             ValueError: another number of seeds, or bad options.

@@ -1,7 +1,4 @@
-"""The vehicle as a Gymnasium environment: what the agent is told, and what it is rewarded for.
-
-Knows no models and no planners.
-"""
+"""The vehicle as a Gymnasium environment: observations, actions, rewards. Knows no models and no planners."""
 
 import math
 from collections.abc import Mapping
@@ -44,9 +41,9 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     | reached | bool | the distance to the goal is below `goal_radius` |
 
     A run starts in the square of a random corner and has its goal in the opposite one. `reset(options=...)` takes
-    `corner` (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u). Where the
-    layout is rules for worlds, every reset draws another world, which like all else follows from the seed; not each of
-    them can be crossed.
+    `corner` (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u). If the
+    layout is procedural, every reset draws another one, which like all else follows from the seed; not each of them
+    can be crossed.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}
@@ -62,12 +59,12 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Make an environment.
 
         Args:
-            layout: the world, or rules for worlds, or the name of a file in `conf/layout` that holds either.
+            layout: a layout, or rules for layouts, or the name of a file in `conf/layout` that holds either.
             vehicle: the physical constants, or the name of a file in `conf/vehicle`.
             goal_radius: distance below which the goal counts as reached, u.
             render_mode: None, "rgb_array" or "human".
-            views: whether observations hold the view. It is a third of the cost of a step; who flies many vehicles, or
-                needs the views of a whole flight, has `probe` cut all of them at once.
+            views: whether observations hold the view, which is a third of the cost of a step. For the views of many
+                vehicles, or of a whole flight, `probe` cuts all of them at once.
 
         Raises:
             ConfigError: no such file, or a value in it is not allowed.
@@ -103,10 +100,10 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin a new episode in a new world, the vehicle at rest.
+        """Begin a new episode, the vehicle at rest.
 
         Raises:
-            ValueError: options that cannot be, or no world obeys the layout's rules.
+            ValueError: invalid options, or no layout obeys the rules.
         """
         super().reset(seed=seed)
         options = options or {}
@@ -147,7 +144,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return observation | self._view(), reward, terminated, truncated, info
 
     def advance(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """As `step`, without a view: for a vector of environments, which cuts out all of them at once."""
+        """Fly as in `step`, without a view: a vector of environments cuts out all views at once."""
         action = np.array(action, float)
         if action.shape != (4,) or not all(0 <= throttle <= 1 for throttle in action.tolist()):
             raise ValueError(f"action = {action.tolist()} is not allowed: give four numbers in [0, 1].")
@@ -162,31 +159,32 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def layout(self) -> Layout:
-        """The present world.
+        """The current layout.
 
         Raises:
-            gymnasium.error.ResetNeeded: it is to be drawn, and there was no `reset` before.
+            gymnasium.error.ResetNeeded: it is drawn by `reset`, which was not called.
         """
         if self._layout is None:
-            raise gymnasium.error.ResetNeeded("Call reset() first: it draws the world.")
+            raise gymnasium.error.ResetNeeded("Call reset() first: it draws the layout.")
         return self._layout
 
     def probe(self, positions: np.ndarray) -> np.ndarray:
-        """The look-up map of the paper: local views at any `positions` `[..., 2]` (u), `[..., K, 11, 11]` bool."""
+        """Views at any `positions` `[..., 2]` (u), as in the paper's look-up map: `[..., K, 11, 11]` bool."""
         return view(self.layout.map, np.asarray(positions, float))
 
     def render(self) -> np.ndarray | None:
-        """The picture of now: `[400, 600, 3]` uint8 for "rgb_array"; for "human" it goes to a window."""
-        from affmap.env.rendering import Canvas, Scene
+        """Draw the current moment: `[400, 600, 3]` uint8 for "rgb_array"; for "human" it goes to a window."""
+        from affmap.env.rendering import Canvas
+        from affmap.env.scene import Scene
 
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with one.")
             return None
         if self._canvas is None:
-            self._canvas = Canvas(self._arena.size, self.vehicle, window=self.render_mode == "human")
+            self._canvas = Canvas(self._arena.size, window=self.render_mode == "human")
         physics = self._running()
-        scene = Scene(self.layout, physics.position, self.action, self.goal, self.goal_radius, self.planned_positions)
-        self._canvas.draw(scene)
+        scene = Scene(self.layout, self.vehicle.radius, physics.position, self.goal, self.goal_radius, self.action)
+        self._canvas.draw(scene._replace(path=self.planned_positions, in_fog=physics.in_fog))
         return self._canvas.show(RENDER_FPS) if self.render_mode == "human" else self._canvas.array()
 
     def close(self) -> None:
@@ -201,16 +199,16 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._physics
 
     def _sense(self) -> None:
-        """Take in the true position, and the one that the vehicle's sensors report."""
+        """Update the true position and the one reported by the vehicle's sensors."""
         physics = self._running()
         noise = self.np_random.normal(0, self.vehicle.fog_std, 2) if physics.in_fog else 0.0
         self._position = physics.position
         self._reported = self._position + noise
 
     def _distance(self) -> float:
-        """From the true position to the goal, u."""
+        """Distance from the true position to the goal, u."""
         gap = self._position - self.goal
-        return math.sqrt(gap @ gap)  # NumPy's norm, in a third of its time
+        return math.sqrt(gap @ gap)  # three times as fast as NumPy's norm
 
     def _observation(self, delta: np.ndarray) -> dict[str, np.ndarray]:
         return {

@@ -1,25 +1,57 @@
 """Experiments and other kinds of reports, a folder each.
 
-The paper's experiments with their claims, comparisons of one factor, searches, and the report of all experiments.
+The folder of an experiment, its room, is named after its file in `conf/experiment`, and its contents are found there:
 
-An experiment of the paper is a folder with `claims.py`; its configuration is the file of that name in
-`conf/experiment`.
+| file | what it is |
+|---|---|
+| `claims.py` | `CLAIMS`, sentences that are tested; those of the paper's experiments are in the paper's report |
+| `page.md` | the page of its report; without one, `affmap/report/page.md` |
+| `*.md` | texts that the page includes |
+| `figures/<name>.py` | figures of its own: `draw(results, settings)`, as in `affmap/report/figures` |
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
+from affmap.report.experiment import PARTS, Room
 from affmap.results.claims import Claim
+from affmap.settings import ConfigError
 
-__all__ = ["PAPER", "claims_about"]
+__all__ = ["ROOMS", "claims_about", "open_room"]
 
-PAPER = tuple(sorted(path.parent.name for path in Path(__file__).parent.glob("*/claims.py")))
-"""The experiments of the paper, in its order."""
+_HERE = Path(__file__).parent
+
+ROOMS = tuple(sorted(path.parent.name for path in _HERE.glob("*/claims.py")))
+"""The rooms that have claims."""
 
 
 def claims_about(experiment: str | None) -> tuple[Claim, ...]:
-    """The paper's claims about one of its experiments; none about None."""
+    """Claims about an experiment; empty for None."""
     if experiment is None:
         return ()
-    claims: tuple[Claim, ...] = import_module(f"{__name__}.{experiment}.claims").CLAIMS
+    module = import_module(f"{__name__}.{experiment}.claims")
+    claims: tuple[Claim, ...] | None = getattr(module, "CLAIMS", None)
+    if claims is None:
+        raise ConfigError(f"{module.__file__} should have CLAIMS, a tuple of affmap.results.claims.Claim.")
     return claims
+
+
+def open_room(experiment: str, claims: str | None) -> Room:
+    """Collect an experiment's claims, texts and figures for its report.
+
+    Args:
+        experiment: its name; it may have no folder.
+        claims: the experiment whose claims are tested, or None.
+    """
+    folder, default = _HERE / experiment, Room()
+    if not folder.is_dir():
+        return Room(claims_about(claims))
+    page = folder / "page.md"
+    package = f"{__name__}.{experiment}.figures"
+    return Room(
+        claims_about(claims),
+        page if page.is_file() else default.page,
+        (folder, PARTS),
+        [*default.figures, *([package] if find_spec(package) else [])],
+    )

@@ -1,8 +1,8 @@
-"""What an affordance map encodes: the scores of the claims about maps.
+"""Scores of affordance maps, for the claims about the encoding of obstacles, borders, fog and force fields.
 
 Pure functions of maps and their world. Axes: M members, Y and X rows and columns of nodes, C context code. A score has
-one number per member, in standard deviations of the member's own map, so that members can be compared. Which nodes a
-score is about is written with it; where the world has none of them, the score is empty.
+one number per member, in standard deviations of the member's own map, so that members can be compared. Each
+function documents the nodes that it compares; in a world without such nodes its score is empty.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ def meaningless_trace(maps: Maps, world: Layout, radius: float) -> tuple[Floats,
     Both are means over the reachable nodes where the vehicle's rim is beside the circle, or overlaps it, and whose view
     shows that circle only: one rule for either kind. An obstacle keeps the vehicle out, so that of the other circles
     more is seen, up to the whole one: were both kinds encoded alike, the first distance would be about as large as
-    the second, or larger. So what is compared favours finding a trace.
+    the second, or larger. The comparison is therefore biased towards finding a trace.
 
     Returns:
         `[M]` and `[M]`: mean distances in standard deviations of the member's own map; empty without such nodes.
@@ -115,9 +115,9 @@ def look_difference(maps: Maps, world: Layout, radius: float) -> Floats:
 
 
 def separation(maps: Maps, world: Layout, radius: float, kind: str, others: Sequence[str]) -> tuple[Floats, Floats]:
-    """How far a kind of place and another are apart, and how far their codes scatter (IV-4, V-5).
+    """Distance between two kinds of places, and scatter of their codes (IV-4, V-5).
 
-    Of several others it is the one that is least apart from the kind, measured by the scatter.
+    Of several other kinds, the one with the smallest distance beyond the scatter counts.
 
     Kinds are `free space` (the view shows nothing), the `border` (beside it) and circles by their effect (beside an
     obstacle, where any other acts); a view shows no other thing. Codes also say in which direction a thing is, so a
@@ -132,8 +132,8 @@ def separation(maps: Maps, world: Layout, radius: float, kind: str, others: Sequ
         over the groups of a kind, in standard deviations of the member's own map. Empty where a kind has no node.
     """
     possible = reachable(maps.nodes, world, radius)
-    found = [[group & possible for group in _groups(maps.nodes, world, radius, name)] for name in (kind, *others)]
-    one, *rest = ([maps.codes[:, group] for group in groups if group.any()] for groups in found)
+    masks = [[group & possible for group in _groups(maps.nodes, world, radius, name)] for name in (kind, *others)]
+    one, *rest = ([maps.codes[:, group] for group in groups if group.any()] for groups in masks)
     if not one or not all(rest):
         return np.empty(0), np.empty(0)
     sd = scale(maps.codes, possible)

@@ -1,9 +1,12 @@
+from .gru import GRU as GRU
 from .lookup import AffordanceMap as AffordanceMap
 from .lookup import ExactLookup as ExactLookup
 from .palette import Palette as Palette
+from .registry import register as register
 from .rollout import Situation as Situation
 from .settings import LookupSettings as LookupSettings
 from .settings import ModelSettings as ModelSettings
 from .stack import Stack as Stack
+from .transition import MLP as MLP
 from .transition import TransitionModel as TransitionModel
 from .vision import VisionModel as VisionModel

@@ -1,6 +1,6 @@
-"""View -> context code, with a memory: what has been seen before is not encoded again.
+"""View -> context code with a cache, so that each distinct view is encoded once.
 
-Imagined positions are all different, their views are not: a world of Experiment I has some ten thousand.
+Imagined positions are all different, but their views recur: a world of Experiment I has some ten thousand.
 """
 
 import torch
@@ -12,7 +12,7 @@ from affmap.model.windows import take_apart, words
 
 
 class CachedEncoder:
-    """The vision model with a memory: views recur, and each different one is encoded only once.
+    """Vision model with a cache: views recur, and each distinct view is encoded only once.
 
     Views are compared on the CPU, wherever the codes are.
 
@@ -34,7 +34,7 @@ class CachedEncoder:
 
     @torch.no_grad()
     def __call__(self, views: Tensor) -> Tensor:
-        """Codes of `views` `[M, ..., K, 11, 11]` bool, each member's of its own: `[M, ..., C]`.
+        """Encode `views` `[M, ..., K, 11, 11]` bool, own views for each member: `[M, ..., C]`.
 
         Raises:
             TypeError: the views are not boolean.
@@ -54,14 +54,14 @@ class CachedEncoder:
         return embedding(numbers + rows.view(-1, *[1] * (numbers.ndim - 1)), self._codes.flatten(0, 1))
 
     def _number(self, views: Tensor) -> Tensor:
-        """The numbers of views, given in order of their first appearance: `[...]` int64."""
+        """Indices of views, in order of first appearance: `[...]` int64."""
         keys = words(views.flatten(-3)).flatten(0, -2).cpu().numpy()
         keys = keys.view(f"V{keys.itemsize * keys.shape[1]}")[:, 0].tolist()  # bytes
         numbers = self._numbers
         return torch.tensor([numbers.setdefault(key, len(numbers)) for key in keys]).view(views.shape[:-3])
 
     def _encode_new(self, views: Tensor, numbers: Tensor) -> None:
-        """Learn the codes of those of `views` `[P, K, 11, 11]` whose `numbers` `[P]` have none yet."""
+        """Encode those of `views` `[P, K, 11, 11]` whose `numbers` `[P]` have no codes yet."""
         num_known = self._codes.shape[1]
         if len(self._numbers) == num_known:
             return

@@ -1,4 +1,4 @@
-"""Position or view -> context code in one pass of compiled code, which needs no memory of views."""
+"""Position or view -> context code in one pass of compiled code, without a cache of views."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,17 +11,17 @@ from torch.nn.functional import pad
 from affmap import compiled
 from affmap.model.stack import Stack, num_changes, readable
 from affmap.model.vision import VisionModel
-from affmap.view import Map, for_compiled
+from affmap.view import VisibleLayout, for_compiled
 
 
 class Weights(NamedTuple):
-    """A vision model as compiled code wants it, float32; q and h as in `affmap.model.vision.Sizes`.
+    """Weights of a vision model in the layout of compiled code, float32; q and h as in `affmap.model.vision.Sizes`.
 
     Outputs of a layer are last, with zeros up to a multiple of 8.
     """
 
     pictures: np.ndarray
-    """`[M, K * 512, 8]`, what the first convolution makes of 3 x 3 pixels, bias included."""
+    """`[M, K * 512, 8]`, outputs of the first convolution for all pictures of 3 x 3 pixels, bias included."""
     weight2: np.ndarray
     """`[M, 16 * q, 8 * q]`, the second convolution as one product; inputs are in the order of windows."""
     bias2: np.ndarray
@@ -37,7 +37,7 @@ class Weights(NamedTuple):
 
     @classmethod
     def of(cls, vision: VisionModel) -> "Weights":
-        """Those of a vision model."""
+        """Arrange the weights of a vision model."""
         from affmap.compiled.direct import PICTURES
 
         pixels = (torch.arange(PICTURES)[:, None] >> torch.arange(9) & 1).float()
@@ -55,12 +55,12 @@ class Weights(NamedTuple):
         return cls(*(pad(part, (0, -part.shape[-1] % 8)).contiguous().numpy() for part in parts))
 
     def member(self, number: int) -> "Weights":
-        """Those of a single member, with the leading axis."""
+        """Weights of a single member, with the leading axis."""
         return Weights(*(part[number, None] for part in self))
 
 
 class DirectEncoder:
-    """Context codes by the present weights of a stack on the CPU."""
+    """Encoder with the present weights of a stack on the CPU."""
 
     def __init__(self, stack: Stack) -> None:
         """Encode with `stack`."""
@@ -69,17 +69,17 @@ class DirectEncoder:
         self._changes = -1
 
     @torch.no_grad()
-    def __call__(self, worlds: Sequence[Map], positions: Tensor) -> Tensor | None:
-        """Codes at `positions` `[M, ..., 2]` (u) in one world, or in B, member-major: `[M, ..., C]`.
+    def __call__(self, worlds: Sequence[VisibleLayout], positions: Tensor) -> Tensor | None:
+        """Context codes at `positions` `[M, ..., 2]` (u) in one world, or in B, member-major: `[M, ..., C]`.
 
-        None where it takes PyTorch.
+        None if only PyTorch can compute them.
         """
         places, num_members = for_compiled(positions), len(self._stack.seeds)
         if places is None or len(positions) != num_members or not self._readable():
             return None
         from affmap.compiled.direct import codes_at
 
-        weights, scenes = self.weights(), [world.scenes[places.dtype] for world in worlds]
+        weights, scenes = self.weights(), [world.arrays[places.dtype] for world in worlds]
         num_groups = num_members if len(scenes) == 1 else len(scenes)
         places = places.reshape(num_groups, len(places) // num_groups, 2)
         codes = np.empty((*places.shape[:2], self._stack.context_size), np.float32)
@@ -93,9 +93,9 @@ class DirectEncoder:
 
     @torch.no_grad()
     def of_views(self, views: Tensor) -> Tensor | None:
-        """Codes of views `[M, P, K, 11, 11]` bool, each member's of its own: `[M, P, C]`.
+        """Context codes of views `[M, P, K, 11, 11]` bool, own views for each member: `[M, P, C]`.
 
-        None where it takes PyTorch.
+        None if only PyTorch can compute them.
         """
         if not compiled.enabled() or views.device.type != "cpu" or not self._readable():
             return None
@@ -107,7 +107,7 @@ class DirectEncoder:
 
     @torch.no_grad()
     def weights(self) -> Weights:
-        """The present weights of a vision model on the CPU, arranged anew when they have changed."""
+        """Present weights of a vision model on the CPU, rearranged after changes."""
         changes = num_changes(self._parameters)
         if changes != self._changes:
             assert self._stack.vision is not None

@@ -1,7 +1,7 @@
 """Layers that hold M independent sets of weights: member m's input meets member m's weights only.
 
-Weights begin as PyTorch's own layers do, uniform in +-1 / sqrt(number of inputs), drawn from a generator of each
-member's own, so that a member of a stack is the member that would have been made alone.
+Weights are initialised as in PyTorch's own layers, uniform in +-1 / sqrt(number of inputs), drawn from
+each member's own generator, so that a member of a stack equals the same member made alone.
 """
 
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ Generators = Sequence[torch.Generator]
 
 
 def uniform(generators: Generators, shape: Sequence[int], num_inputs: int) -> nn.Parameter:
-    """A parameter `[M, *shape]`, uniform in +-1 / sqrt(num_inputs)."""
+    """Draw a parameter `[M, *shape]`, uniform in +-1 / sqrt(num_inputs)."""
     draws = [torch.rand(*shape, generator=generator) for generator in generators]
     return nn.Parameter((2 * torch.stack(draws) - 1) / num_inputs**0.5)
 
 
 def tanh(inputs: Tensor) -> Tensor:
-    """Hyperbolic tangent, from the sigmoid, which PyTorch computes several times as fast on a CPU."""
+    """Hyperbolic tangent computed from the sigmoid, which PyTorch computes several times as fast on a CPU."""
     return 2 * (2 * inputs).sigmoid() - 1
 
 
@@ -34,7 +34,7 @@ class StackedLinear(nn.Module):
         self.bias = uniform(generators, (num_outputs,), num_inputs)
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """`[M, ..., num_inputs]` -> `[M, ..., num_outputs]`, with at least one axis between.
+        """Map `[M, ..., num_inputs]` to `[M, ..., num_outputs]`, with at least one axis between.
 
         Features are last in the shape and first in memory, here and everywhere: one row a feature makes everything
         around small products faster, the more so the fewer the features are.

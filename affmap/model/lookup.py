@@ -20,7 +20,7 @@ from affmap.model.palette import Palette
 from affmap.model.settings import LookupSettings as LookupSettings
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
-from affmap.view import Map, view, views
+from affmap.view import VisibleLayout, view, views
 
 
 class Lookup(Protocol):
@@ -30,36 +30,38 @@ class Lookup(Protocol):
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         ...
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "Lookup":
-        """The same kind of look-up for `stack` in another world, or in B others."""
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "Lookup":
+        """Make a look-up of the same kind for `stack` in another world, or in B others."""
         ...
 
 
-def make_lookup(settings: LookupSettings, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup | AffordanceMap":
-    """The look-up that `settings` describe, for `stack` in one world or in B, one for each problem."""
+def make_lookup(
+    settings: LookupSettings, stack: Stack, worlds: Sequence[VisibleLayout]
+) -> "ExactLookup | AffordanceMap":
+    """Make the look-up described by `settings`, for `stack` in one world or in B, one for each problem."""
     if settings.spacing == 0:
         return ExactLookup(stack, worlds)
     return AffordanceMap.paint(stack, worlds, settings.spacing, settings.differentiable)
 
 
 def by_world(positions: Tensor, num_worlds: int) -> Tensor:
-    """Positions `[M, ..., 2]` of M members with the same number of worlds each: `[num_worlds, P, 2]`."""
+    """Group positions `[M, ..., 2]` of M members with the same number of worlds each: `[num_worlds, P, 2]`."""
     return positions.reshape(num_worlds, -1, 2)
 
 
 def inside(positions: Tensor, size: Tensor) -> Tensor:
-    """The points of an arena of `size` `[2]` nearest to `positions` `[..., 2]`."""
+    """Points of an arena of `size` `[2]` nearest to `positions` `[..., 2]`."""
     return positions.clamp_min(0).minimum(size)
 
 
 class ExactLookup:
-    """Cuts out the view at each position and takes the vision model's code of it.
+    """Exact look-up: encodes the view at each position with the vision model.
 
     Attributes:
-        worlds: the maps of the worlds that it looks into: one, shared by all, or one for each problem.
+        worlds: the visible layouts: one shared by all problems, or one for each.
     """
 
-    def __init__(self, stack: Stack, worlds: Sequence[Map]) -> None:
+    def __init__(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> None:
         """Look up codes of `stack` in one world, or in B, one for each problem."""
         self._direct, self._codes, self.worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
 
@@ -71,11 +73,11 @@ class ExactLookup:
         places = inside(positions, positions.new_tensor(self.worlds[0].size))
         if len(self.worlds) > 1:
             places = by_world(places, len(self.worlds))
-        seen = views(self.worlds, places)
-        return self._codes(seen.view(*positions.shape[:-1], *seen.shape[-3:]))
+        pictures = views(self.worlds, places)
+        return self._codes(pictures.view(*positions.shape[:-1], *pictures.shape[-3:]))
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "ExactLookup":
-        """The same kind of look-up for `stack` in another world, or in B others."""
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "ExactLookup":
+        """Make a look-up of the same kind for `stack` in another world, or in B others."""
         return ExactLookup(stack, worlds)
 
 
@@ -93,7 +95,7 @@ class AffordanceMap:
         differentiable: whether gradients flow through the map to the position.
     """
 
-    def __init__(self, codes: Tensor, worlds: Sequence[Map], differentiable: bool = False) -> None:
+    def __init__(self, codes: Tensor, worlds: Sequence[VisibleLayout], differentiable: bool = False) -> None:
         """Take codes `[M * W, Y, X, C]` whose outermost nodes lie on the borders of the arena."""
         self.codes, self.worlds = codes, worlds
         self.differentiable = differentiable
@@ -103,7 +105,7 @@ class AffordanceMap:
 
     @classmethod
     def paint(
-        cls, stack: Stack, worlds: Sequence[Map], spacing: float, differentiable: bool = False
+        cls, stack: Stack, worlds: Sequence[VisibleLayout], spacing: float, differentiable: bool = False
     ) -> "AffordanceMap":
         """Compute codes at nodes at most `spacing` (u) apart, by exact look-ups.
 
@@ -117,16 +119,16 @@ class AffordanceMap:
             return cls(_codes_at_nodes(stack, worlds[0], spacing), worlds, differentiable)
         num_members = len(stack.seeds)
         members = [stack.select([number * num_members // len(worlds)]) for number in range(len(worlds))]
-        painted = [_codes_at_nodes(member, world, spacing) for member, world in zip(members, worlds, strict=True)]
-        return cls(torch.cat(painted), worlds, differentiable)
+        codes = [_codes_at_nodes(member, world, spacing) for member, world in zip(members, worlds, strict=True)]
+        return cls(torch.cat(codes), worlds, differentiable)
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[Map]) -> "AffordanceMap":
-        """A map as fine as this one, for `stack` in another world, or in B others."""
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "AffordanceMap":
+        """Paint a map with the same spacing for `stack` in another world, or in B others."""
         spacing = self.worlds[0].size[0] / (self.codes.shape[2] - 1)
         return AffordanceMap.paint(stack, worlds, spacing, self.differentiable)
 
     def picture(self, index: int = 0) -> np.ndarray:
-        """The map in place `index` of the leading axis in colours, `[Y, X, 3]` in [0, 1]; row 0 is y = 0.
+        """Colours of the map at `index` of the leading axis, `[Y, X, 3]` in [0, 1]; row 0 is y = 0.
 
         Principal components of its codes over the whole arena: red the first, green the second, blue the third.
         """
@@ -150,9 +152,9 @@ _NODES_AT_ONCE = 2**14  # more would take much memory where members are many
 
 
 @torch.no_grad()
-def _codes_at_nodes(stack: Stack, world: Map, spacing: float) -> Tensor:
+def _codes_at_nodes(stack: Stack, world: VisibleLayout, spacing: float) -> Tensor:
     """Codes of all members at the nodes of a grid over a world, `[M, Y, X, C]`."""
-    # As many equal parts as it takes, whatever rounding made of a quotient that should be a whole number.
+    # The smallest number of equal parts; the tolerance absorbs rounding of quotients that should be integers.
     parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in world.size]
     x, y = (torch.linspace(0, length, num + 1) for length, num in zip(world.size, parts, strict=True))
     nodes = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).to(next(stack.parameters()).device)  # [Y, X, 2]

@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 Floats = NDArray[np.floating[Any]]
 
 PERCENTILES = (1.0, 99.0)
-"""Of a principal component over the sample; they become the darkest and the brightest value of a channel."""
+"""Percentiles of a principal component over the sample that become the darkest and brightest values of a channel."""
 
 
 class Palette(NamedTuple):
-    """Axes and scale that are found in a sample of codes, and can then paint any others alike."""
+    """Principal axes and scale of a sample of codes, which colour any other codes in the same way."""
 
     mean: Floats
     """`[C]`"""
     basis: Floats
     """`[C, P]` principal axes in columns, P at most 3."""
     low: Floats
-    """`[P]`, what becomes 0."""
+    """`[P]`, values that become 0."""
     high: Floats
-    """`[P]`, what becomes 1; where it is that of `low`, the sample does not vary, and the channel is 0.5."""
+    """`[P]`, values that become 1; if equal to `low`, the sample does not vary and the channel is 0.5."""
 
     @classmethod
     def fit(cls, sample: Floats) -> "Palette":
-        """The palette of a sample of codes `[nodes, C]`.
+        """Fit a palette to a sample of codes `[nodes, C]`.
 
         The components come from the covariance (float64, largest first); a component's sign is fixed so that its
         loading of largest magnitude is positive. With fewer than two nodes nothing varies.
@@ -42,16 +42,16 @@ class Palette(NamedTuple):
 
     def __call__(self, codes: Floats) -> Floats:
         """Colours `[..., 3]` in [0, 1] of codes `[..., C]`; missing channels (C < 3) are a neutral 0.5."""
-        painted = np.full((*codes.shape[:-1], 3), 0.5)
+        colors = np.full((*codes.shape[:-1], 3), 0.5)
         projected = (codes - self.mean) @ self.basis
         varies = self.high > self.low
         scaled = (projected - self.low) / np.where(varies, self.high - self.low, 1.0)
-        painted[..., : len(self.low)] = np.where(varies, scaled.clip(0.0, 1.0), 0.5)
-        return painted
+        colors[..., : len(self.low)] = np.where(varies, scaled.clip(0.0, 1.0), 0.5)
+        return colors
 
 
 def principal_components(sample: Floats) -> Floats:
-    """`[C, C]` principal axes of `[nodes, C]` in columns, largest variance first, with fixed signs."""
+    """Principal axes `[C, C]` of `[nodes, C]` in columns, largest variance first, with fixed signs."""
     centered = sample - sample.mean(axis=0)
     _, vectors = np.linalg.eigh(centered.T @ centered / (len(sample) - 1))
     vectors = vectors[:, ::-1]
@@ -60,5 +60,5 @@ def principal_components(sample: Floats) -> Floats:
 
 
 def rounding(values: Floats) -> float:
-    """Differences of codes below this are rounding of float32."""
+    """Largest difference of codes that is rounding of float32."""
     return 1e-6 * max(1.0, float(np.abs(values).max()))

@@ -1,4 +1,4 @@
-"""Imagination: what a stack expects to happen when actions are carried out (Section 3.4).
+"""Imagination: the predictions of a stack for the execution of actions (Section 3.4).
 
 The predicted mean is the next input, and the view is looked up where the vehicle is expected to be. Variances add up
 along the path. Knows nothing of goals and planners.
@@ -15,7 +15,7 @@ from affmap.model.transition import Carry, TransitionModel
 
 
 class Situation(NamedTuple):
-    """What an imagined path starts from: B problems, member-major (B = M x agents per member)."""
+    """Start of imagined paths for B problems, member-major (B = M x agents per member)."""
 
     position: Tensor
     """Reported position, `[B, 2]`, u."""
@@ -46,7 +46,7 @@ def rollout(
     num_paths = num_problems * num_candidates // num_members  # of each member
 
     def of_paths(start: Tensor) -> Tensor:
-        """What problems `[M, B / M, F]` start from, for each path: `[M, P, F]`, features first in memory."""
+        """Repeat the starts of problems `[M, B / M, F]` for each path: `[M, P, F]`, features first in memory."""
         return start.mT.repeat_interleave(num_candidates, dim=2).mT
 
     step = transition.step()

@@ -1,25 +1,34 @@
-"""The numbers of models and look-ups, apart from the code that needs torch (which takes seconds to import)."""
+"""Settings of models and look-ups, in a module without torch, which takes seconds to import."""
 
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import model_validator
 
-from affmap.settings import Count, CountOrNone, NonNegative, Positive, Settings
+from affmap.model.registry import MLP_SETTINGS, AnyTransition
+from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, Settings
 
 
 class ModelSettings(Settings):
-    """The architecture (`conf/model`)."""
+    """Settings of the architecture (`conf/model`)."""
 
     context_size: CountOrNone
-    """C, length of the context code; 0 is a transition model that sees nothing."""
+    """C, length of the context code; 0 is a transition model without vision."""
     hidden_size: Count
     """Hidden units of the transition model."""
     delta_scale: Positive
     """Factor on the change of position, for inputs and predictions."""
+    transition: Annotated[AnyTransition, Neutral(MLP_SETTINGS)]
+    """The kind of transition model, a file of `conf/model/transition`."""
+
+    @property
+    def name(self) -> str:
+        """Short description that distinguishes it from others."""
+        kind = "" if self.transition == MLP_SETTINGS else f"{self.transition.kind}, "
+        return f"{kind}context size {self.context_size}"
 
 
 class LookupSettings(Settings):
-    """Where planners take context codes from (`conf/lookup`)."""
+    """Settings of the look-up of context codes in planning (`conf/lookup`)."""
 
     spacing: NonNegative
     """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
@@ -35,5 +44,5 @@ class LookupSettings(Settings):
 
     @property
     def name(self) -> str:
-        """What tells it from others, in words."""
+        """Short description that distinguishes it from others."""
         return f"map of {self.spacing:g} u" if self.spacing else "exact look-ups"

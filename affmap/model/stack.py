@@ -1,6 +1,6 @@
 """M members side by side: vision model and transition model, drawn from each member's own seed."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -20,11 +20,12 @@ class Stack(nn.Module):
         settings: ModelSettings,
         num_channels: int,
         seeds: Sequence[int],
-        transition: type[TransitionModel] = TransitionModel,
+        transition: Callable[..., TransitionModel] | None = None,
     ) -> None:
         """Draw the initial weights of a member for each of `seeds` (M of them); K = `num_channels`.
 
-        `transition` is the kind of transition model: the paper's, or one of your own.
+        `transition` makes a transition model of your own in place of `settings.transition`: a class, or a function
+        with the arguments of `affmap.model.registry.TransitionSettings.make`.
         """
         super().__init__()
         self.settings = settings
@@ -32,20 +33,21 @@ class Stack(nn.Module):
         self.seeds = tuple(seeds)
         context_size = settings.context_size
         generators = [torch.Generator().manual_seed(integer(seed, "initial weights")) for seed in seeds]
-        self.transition = transition(generators, context_size, settings.hidden_size, settings.delta_scale)
+        self._make = transition or settings.transition.make
+        self.transition = self._make(generators, context_size, settings.hidden_size, settings.delta_scale)
         self.vision = VisionModel(generators, num_channels, context_size) if context_size > 0 else None
 
     @property
     def context_size(self) -> int:
-        """C, length of the context code."""
+        """Length of the context code, C."""
         return self.settings.context_size
 
     def select(self, members: Sequence[int]) -> "Stack":
-        """A stack of some of the members, by their places in this one."""
+        """Select members by their indices in this stack, as a new stack."""
         seeds = [self.seeds[member] for member in members]
-        chosen = Stack(self.settings, self.num_channels, seeds, type(self.transition))
-        chosen.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
-        return chosen.to(next(self.parameters()).device)
+        subset = Stack(self.settings, self.num_channels, seeds, self._make)
+        subset.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
+        return subset.to(next(self.parameters()).device)
 
     def encode(self, windows: Windows) -> Tensor:
         """Context codes of views `[M or 1, ...]` (see `VisionModel.encode`): `[M, ..., C]`."""
@@ -60,5 +62,5 @@ def readable(numbers: Iterable[Tensor]) -> bool:
 
 
 def num_changes(weights: Iterable[Tensor]) -> int:
-    """A number that grows whenever weights change; inference tensors, whose changes PyTorch does not count, add 0."""
+    """Counter that grows whenever weights change; inference tensors, whose changes PyTorch does not count, add 0."""
     return sum(0 if weight.is_inference() else weight._version for weight in weights)

@@ -1,10 +1,14 @@
 """The transition model: context code, last change of position and action -> Gaussian over the next change.
 
+`TransitionModel` is the interface of all kinds, `MLP` the paper's model; `affmap.model.gru` holds the recurrent one.
+
 It works in scaled units on both sides (Appendix A scales its inputs; its predictions are scaled back outside), so
 that inputs and targets are of the order of 1. It knows nothing of positions, views or goals.
 """
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -15,23 +19,45 @@ from affmap.model.layers import Generators, uniform
 Carry = tuple[Tensor, ...]
 """Hidden state of a transition model, tensors `[M, P, hidden]`; the MLP's is empty."""
 
+StepFunction = Callable[[Carry, Tensor, Tensor, Tensor], tuple[Carry, Gaussian]]
+"""One step of M models, as `Step`: `(carry, code, delta, action) -> (carry, prediction)`."""
+
+
+class TransitionModel(nn.Module, ABC):
+    """M transition models side by side; every parameter is `[M, ...]`, and the loss is the sum over members."""
+
+    @abstractmethod
+    def initial(self, num_sequences: int = 1) -> Carry:
+        """Carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
+
+    @abstractmethod
+    def step(self) -> StepFunction:
+        """Step function for `[M, P, features]`, with constants folded into its weights; renew it after updates."""
+
+    @abstractmethod
+    def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
+        """Predict one step ahead along recorded sequences.
+
+        As `step()`, for `[M, B, T, features]`; `delta` and `action` may be the same for all members, `[1, B, T, ...]`.
+        """
+
 
 class Step:
-    """One step of M multilayer perceptrons, as a function with the weights that they have now.
+    """One step of M multilayer perceptrons, as a function with fixed weights.
 
     The few inputs and outputs are last in the shape and first in memory: a long row for each makes the products, and
     all that follows, several times as fast. The many hidden units are last in both.
     """
 
     def __init__(self, hidden: Tensor, output: Tensor, bias: Tensor) -> None:
-        """Weights `[M, 2 + 4 + C, hidden]`, `[M, 2 + 2, hidden]` and `[M, 2 + 2, 1]`, for u/step and the sigmoid."""
+        """Take weights `[M, 2 + 4 + C, hidden]`, `[M, 2 + 2, hidden]`, `[M, 2 + 2, 1]`, for u/step and the sigmoid."""
         self.hidden, self.output, self.bias = hidden, output, bias
 
     def __call__(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
         """Predict the change of position that an action will cause.
 
         Args:
-            carry: what `initial` or the last step returned.
+            carry: the result of `initial` or of the last step.
             code: context codes `[M, P, C]`.
             delta: last changes of position `[M, P, 2]`, u/step.
             action: `[M, P, 4]`, throttles in [0, 1].
@@ -45,7 +71,7 @@ class Step:
         return carry, Gaussian(mean.mT, log_std.mT)
 
 
-class TransitionModel(nn.Module):
+class MLP(TransitionModel):
     """M multilayer perceptrons side by side (Section 4.2: the hidden state of the paper is dropped)."""
 
     def __init__(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> None:
@@ -69,13 +95,13 @@ class TransitionModel(nn.Module):
         self.output_shift: Tensor
 
     def initial(self, num_sequences: int = 1) -> Carry:
-        """The carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
+        """Empty carry, because there is no hidden state."""
         return ()
 
     def step(self) -> Step:
-        """The model as a function; to be made anew when weights have changed.
+        """Step function with constants folded into its weights; renew it after updates.
 
-        All that is constant is multiplied into the weights once: the scale of inputs and outputs, and
+        All constants are multiplied into the weights once: the scale of inputs and outputs, and
         tanh(x) = 2 sigmoid(2 x) - 1, because PyTorch's sigmoid is several times as fast as its tanh on a CPU.
         """
         hidden = self.hidden_weight * self.input_factor[:, None]
@@ -83,9 +109,8 @@ class TransitionModel(nn.Module):
         return Step(hidden, (self.output_weight * (2 * self.output_factor)).mT, bias[..., None])
 
     def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
-        """One-step predictions along recorded sequences.
+        """Predict along recorded sequences, see `TransitionModel.unroll`.
 
-        As `Step`, for `[M, B, T, features]`; `delta` and `action` may be the same for all members, `[1, B, T, ...]`.
         Without a hidden state the steps do not depend on each other, and all are computed at once.
         """
         parts = (part.expand(len(code), -1, -1, -1).flatten(1, 2) for part in (code, delta, action))

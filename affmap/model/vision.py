@@ -25,7 +25,7 @@ class Sizes(NamedTuple):
 
 
 def sizes(context_size: int) -> Sizes:
-    """The paper's widths for a context size (Appendix A)."""
+    """Widths of the paper's layers for a context size (Appendix A)."""
     if context_size < 5:
         return Sizes(channels=4, hidden=8)
     return Sizes(channels=4, hidden=16) if context_size < 32 else Sizes(channels=8, hidden=32)
@@ -38,7 +38,7 @@ def _placement() -> Tensor:
 
 
 def _winners(convolved: Tensor, patch_ids: Tensor) -> Tensor:
-    """Which patch has the largest value in each window: for features of patches `[F, V]`, `[F, U]` int64.
+    """Index of the patch with the largest value in each window: for features of patches `[F, V]`, `[F, U]` int64.
 
     Comparing nine times, with bytes for the places, is faster than `max` over an axis and its gradient.
     """
@@ -53,10 +53,10 @@ def _winners(convolved: Tensor, patch_ids: Tensor) -> Tensor:
 
 
 class _Take(torch.autograd.Function):
-    """Columns of a matrix `[F, n]` by their numbers `[k]`: `[F, k]`.
+    """Selects columns of a matrix `[F, n]` by indices `[k]`: `[F, k]`.
 
-    As `index_select`, but gradients are added up in rows: columns that occur often (a blank window) would have every
-    addition wait for the one before.
+    As `index_select`, but gradients are added up in rows: for frequent columns (a blank window), every addition would
+    have to wait for the one before.
     """
 
     @staticmethod
@@ -74,9 +74,9 @@ class _Take(torch.autograd.Function):
 
 
 def _take(columns: Tensor, ids: Tensor) -> Tensor:
-    """Columns of `[M, F, n]` by their numbers `[...]`, the same for all M: `[M, F, ...]`."""
-    taken = _Take.apply(columns.flatten(0, 1), ids.flatten())
-    return taken.view(*columns.shape[:2], *ids.shape)
+    """Select columns of `[M, F, n]` by indices `[...]`, the same for all M: `[M, F, ...]`."""
+    columns_by_id = _Take.apply(columns.flatten(0, 1), ids.flatten())
+    return columns_by_id.view(*columns.shape[:2], *ids.shape)
 
 
 class VisionModel(nn.Module):
@@ -96,7 +96,7 @@ class VisionModel(nn.Module):
         self.placement: Tensor
 
     def encode(self, windows: Windows) -> Tensor:
-        """Context codes of views.
+        """Encode views as context codes.
 
         Args:
             windows: views with leading axis M (each member its own) or 1 (all members the same), `[M or 1, ...]`,

@@ -1,4 +1,4 @@
-"""The weights of a stack as files: safetensors, so that reading a stranger's file executes nothing."""
+"""Weights of a stack as files: safetensors, so that reading an untrusted file executes nothing."""
 
 from pathlib import Path
 
@@ -11,11 +11,11 @@ from affmap.store.files import guarded_read
 WEIGHTS = "weights.safetensors"
 
 SNAPSHOT = "weights-epoch-{epoch}.safetensors"
-"""Weights kept during training."""
+"""File of the weights saved after an epoch of training."""
 
 
 def copy(stack: Stack) -> dict[str, Tensor]:
-    """The weights of a stack as they are now, `[M, ...]` each."""
+    """Copy the present weights of a stack, `[M, ...]` each."""
     return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in stack.state_dict().items()}
 
 
@@ -25,10 +25,10 @@ def save(weights: dict[str, Tensor], path: Path) -> None:
 
 
 def restore(stack: Stack, path: Path) -> Stack:
-    """Give a stack the weights at `path`.
+    """Load the weights at `path` into a stack.
 
     Raises:
-        ConfigError: the file is not what it should be, or holds the weights of another stack.
+        ConfigError: the file is corrupted, or holds the weights of another stack.
     """
     with guarded_read(path):
         stack.load_state_dict(load_file(path))

@@ -19,30 +19,30 @@ WIDTH, STRIDE, PER_SIDE = 5, 2, 4
 """Pixels of a window's side, pixels between windows, windows along a view's side."""
 
 _BITS = 22
-"""Pixels to a word: float32 holds all integers up to 2 ** 24."""
+"""Pixels per word: float32 holds all integers up to 2 ** 24."""
 
 
 class Windows(NamedTuple):
     """Views `[...]`, taken apart."""
 
     ids: Tensor
-    """`[...]` int64: which of D distinct views each one is."""
+    """`[...]` int64: index of each view among D distinct ones."""
     window_ids: Tensor
-    """`[D, 16]` int64: which of U distinct windows stands where in each distinct view, row by row."""
+    """`[D, 16]` int64: indices of the windows in each distinct view among U distinct ones, row by row."""
     patch_ids: Tensor
-    """`[U, 9]` int64: which of V distinct patches stands where in each distinct window, row by row."""
+    """`[U, 9]` int64: indices of the patches in each distinct window among V distinct ones, row by row."""
     patches: Tensor
     """`[V, K * 9]` float: the distinct patches of 3 x 3 pixels."""
 
     def select(self, key: Any) -> "Windows":
-        """Some of the views, and only the views and windows that occur in them: `key` indexes `ids`."""
+        """Select views by indexing `ids` with `key`, with only the distinct views and windows that occur in them."""
         views, ids = self.ids[key].unique(return_inverse=True)
         windows, window_ids = self.window_ids.index_select(0, views).unique(return_inverse=True)
         return Windows(ids, window_ids, self.patch_ids.index_select(0, windows), self.patches)
 
 
 def take_apart(views: Tensor) -> Windows:
-    """Find what is distinct in `views` `[..., K, 11, 11]` bool.
+    """Find the distinct views, windows and patches in `views` `[..., K, 11, 11]` bool.
 
     Raises:
         TypeError: the views are not boolean.
@@ -65,7 +65,7 @@ def distinct(pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Find the distinct rows of `pixels` `[n, k]` bool.
 
     Returns:
-        Where one of each kind stands, `[D]`, and which kind each row is, `[n]`; kinds are in the order of their pixels.
+        Index of one row of each kind, `[D]`, and the kind of each row, `[n]`; kinds are in the order of their pixels.
     """
     if not compiled.enabled() or pixels.device.type != "cpu":
         return _sort(pixels)
@@ -81,7 +81,7 @@ def distinct(pixels: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _sort(pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """As `distinct`, by PyTorch."""
+    """Find the distinct rows with PyTorch, as `distinct`."""
     ids = kinds = torch.zeros(len(pixels), dtype=torch.int64, device=pixels.device)
     for word in words(pixels).long().unbind(-1):  # one number after the other: many times as fast as `dim=0`
         kinds, ids = torch.unique((ids << _BITS) | word, return_inverse=True)
@@ -90,7 +90,7 @@ def _sort(pixels: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def words(pixels: Tensor) -> Tensor:
-    """All of `[..., k]` bool in as few numbers as hold it exactly: `[..., k / 22, rounded up]` float32."""
+    """Pack `[..., k]` bool into as few numbers as hold it exactly: `[..., k / 22, rounded up]` float32."""
     place = torch.arange(pixels.shape[-1], device=pixels.device)
     word = torch.arange(math.ceil(len(place) / _BITS), device=pixels.device)
     weight = torch.where(place[:, None] // _BITS == word, 2.0 ** (place % _BITS)[:, None], 0.0)

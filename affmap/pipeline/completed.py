@@ -1,4 +1,4 @@
-"""The completed part of a sweep, as reports need it."""
+"""The completed settings of a sweep, for reports."""
 
 import shlex
 from collections.abc import Sequence
@@ -8,8 +8,8 @@ from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import find
 from affmap.results.provenance import leaves
-from affmap.results.setting import PLANNER, Setting, Value
-from affmap.results.tables import join
+from affmap.results.setting import PLANNER, ReportSettings, Setting, Value
+from affmap.results.tables import Results, join
 from affmap.settings.messages import ConfigError
 
 
@@ -19,31 +19,37 @@ class Completed(NamedTuple):
     settings: tuple[Setting, ...]
     growth: Setting | None
     baselines: tuple[Setting, ...]
-    """Of agents without a learned model."""
+    """Settings of agents without a learned model."""
     missing: str
-    """A sentence about what is not complete; empty if all is."""
+    """A sentence about incomplete settings; empty if there are none."""
+
+    def results(self, settings: ReportSettings) -> Results:
+        """The results of these settings, grouped as a report's settings say."""
+        return Results(self.settings, self.growth, settings.x, settings.color, self.baselines)
 
 
 def completed(sweep: Sweep) -> Completed:
-    """The completed settings of a sweep, members that were divided among jobs put together.
+    """The completed settings of a sweep; members that were divided among jobs are joined.
 
     Raises:
-        ConfigError: some settings are not complete, and no partial report is wanted; or none is complete.
-        StoreError: a file is damaged.
+        ConfigError: some settings are incomplete, and the report may not be partial; or none is complete.
+        StoreError: a file is corrupted.
     """
     growth, baselines = sweep.growth(), sweep.baselines()
-    settings, flown = _settings(sweep), _settings(baselines) if baselines else []
-    grown = find(growth.first) if growth else None
-    labels = [*sweep.labels, *(baselines.labels if baselines else [])]
-    missing = [label for label, setting in zip(labels, [*settings, *flown], strict=True) if setting is None]
-    if growth and grown is None:
-        missing.append(growth.first.name)
-    count = len(settings) + (growth is not None) + len(flown)
-    sentence = f"{len(missing)} of {count} settings are not complete ({'; '.join(missing)})" if missing else ""
+    settings, baseline_settings = _settings(sweep), _settings(baselines) if baselines else []
+    growth_setting = find(growth.first) if growth else None
+    every = list(zip(sweep.labels, settings, strict=True))
+    if baselines:
+        every += zip(baselines.labels, baseline_settings, strict=True)
+    if growth:
+        every.append((growth.first.name, growth_setting))
+    labels = [label for label, setting in every if setting is None]
+    sentence = f"{len(labels)} of {len(every)} settings are not complete ({'; '.join(labels)})" if labels else ""
     complete = [setting for setting in settings if setting]
-    if missing and not (sweep.first.report.partial and complete):
+    if labels and not (sweep.first.report.partial and complete):
         raise ConfigError(f"{sentence}; run `affmap {shlex.join(sweep.overrides)}` first.")
-    return Completed(_distinct(join(complete)), grown, join([each for each in flown if each]), sentence)
+    baseline_complete = [setting for setting in baseline_settings if setting]
+    return Completed(_distinct(join(complete)), growth_setting, join(baseline_complete), sentence)
 
 
 def _settings(sweep: Sweep) -> list[Setting | None]:
@@ -52,39 +58,44 @@ def _settings(sweep: Sweep) -> list[Setting | None]:
 
 
 def _values(sweep: Sweep) -> list[dict[str, Value]]:
-    """The values of the keys that each job of a sweep varies: as the configuration has them, else as they were given.
+    """For each job the values of the swept keys: those of the configuration, else those of the command line.
 
-    A group is told by the name or kind inside it, where that tells its files apart, else by the name of its file.
+    A group has its name or kind as its value, if that identifies its file, else the file's name.
     """
-    keys = [key for key in sweep.swept[0] if key not in ("seed", "members")]  # parts of a setting
+    keys = [key for key in sweep.values[0] if key not in ("seed", "members")]  # parts of a setting
     every: list[dict[str, Value]] = [{} for _ in sweep.configs]
     for key in keys:
-        given: list[Value] = [swept[key] for swept in sweep.swept]
-        found = [_value(config, key) for config in sweep.configs]
-        values: Sequence[Value | None] = found if None not in found and len(set(found)) == len(set(given)) else given
+        texts: list[Value] = [values[key] for values in sweep.values]
+        typed = [_value(config, key) for config in sweep.configs]
+        values: Sequence[Value | None] = typed if None not in typed and len(set(typed)) == len(set(texts)) else texts
         if key == PLANNER.key and any(config.controller != config.planner.kind for config in sweep.configs):
             values = [config.controller for config in sweep.configs]  # some agents do without a planner
-        whole = all(isinstance(value, float) and value.is_integer() for value in values)  # 10 is said, and not 10.0
+        whole = all(isinstance(value, float) and value.is_integer() for value in values)  # 10 rather than 10.0
         for each, value in zip(every, values, strict=True):
             assert value is not None
-            each[key] = int(value) if whole else value
+            each[_dotted(key)] = int(value) if whole else value
     return every
 
 
+def _dotted(key: str) -> str:
+    """A key of the command line as a key of the configuration: Hydra names the group of a part `model/transition`."""
+    return key.replace("/", ".")
+
+
 def _distinct(settings: Sequence[Setting]) -> tuple[Setting, ...]:
-    """The settings, but those of agents without a planner only once: they fly the same whatever planner is named."""
-    kept: list[Setting] = []
+    """The settings, those of agents without a planner once only: they fly the same with any planner."""
+    distinct: list[Setting] = []
     for setting in settings:
         planless = setting.values.get("agent") == setting.planner
-        if not planless or all(setting.values != other.values for other in kept):
-            kept.append(setting)
-    return tuple(kept)
+        if not planless or all(setting.values != other.values for other in distinct):
+            distinct.append(setting)
+    return tuple(distinct)
 
 
 def _value(config: Config, key: str) -> Value | None:
-    """The value of a dotted key; of a group with a name or a kind, that; None for another group."""
-    values = leaves(config.complete())
-    value = next((values[known] for known in (key, f"{key}.name", f"{key}.kind") if known in values), None)
+    """The value of a key; the name or kind of a group that has one, None for other groups."""
+    values, key = leaves(config.complete()), _dotted(key)
+    value = next((values[name] for name in (key, f"{key}.name", f"{key}.kind") if name in values), None)
     if isinstance(value, list):
         return " + ".join(str(each.get("name", each)) if isinstance(each, dict) else str(each) for each in value)
     return value

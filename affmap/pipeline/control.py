@@ -26,7 +26,7 @@ from affmap.store.attempt import Attempt
 
 
 def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
-    """Fly all runs, and write their table, trajectories and layouts."""
+    """Fly all runs; write their table, trajectories and layouts."""
     stack = trained(config, train).to(config.control.device)
     layouts = _layouts(config)
     lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
@@ -43,30 +43,30 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
         CONTEXT_SIZE: config.model.context_size,
     }
     setting = {factor.column: values[factor] for factor in FACTORS.values()}
-    flown = layouts * num_runs if len(layouts) == 1 else layouts
+    run_layouts = layouts * num_runs if len(layouts) == 1 else layouts
     starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
-    ways = [crossable(*run) for run in zip(flown, repeat(config.vehicle), starts, goals)]
+    ways = [crossable(*run) for run in zip(run_layouts, repeat(config.vehicle), starts, goals)]
     errors = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
     write_runs(attempt.folder, setting, runs.table, [ways, errors])
     write_trajectories(attempt.folder, runs.trajectories)
-    write_layouts(attempt.folder, flown)
+    write_layouts(attempt.folder, run_layouts)
 
 
 def _controller(config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout]) -> Controller:
-    """What steers: an agent made of stack, look-up and planner, one that knows the world, or one that needs nothing."""
-    agent = config.agent
-    if not isinstance(agent, AgentSettings | OracleSettings):
+    """The controller: an agent of stack, look-up and planner, an oracle, or one that needs none of these."""
+    settings = config.agent
+    if not isinstance(settings, AgentSettings | OracleSettings):
+        return settings
+    if settings.kind == "oracle":
+        return Oracle(layouts, config.vehicle, config.planner, config.control, settings.std)
+    agent = Agent(stack, lookup, config.planner, config.control)
+    if settings.kind == "planner":
         return agent
-    if agent.kind == "oracle":
-        return Oracle(layouts, config.vehicle, config.planner, config.control, agent.std)
-    learned = Agent(stack, lookup, config.planner, config.control)
-    if agent.kind == "planner":
-        return learned
-    return HalfOracle(learned, layouts, config.vehicle, agent.kind == "true_mean", agent.std)
+    return HalfOracle(agent, layouts, config.vehicle, settings.kind == "true_mean", settings.std)
 
 
 def _layouts(config: Config) -> list[Layout]:
-    """The layout that all agents fly in, or those of each (member-major), which all settings share."""
+    """The one layout of all agents, or a layout for each (member-major), the same in all settings."""
     layout = config.control_layout
     if isinstance(layout, Layout):
         return [layout]
@@ -81,6 +81,6 @@ def _lookup_error(
     if config.lookup.spacing == 0 or stack.context_size == 0:
         return np.zeros(len(positions))
     exact = ExactLookup(stack, [layout.map for layout in layouts])
-    visited = torch.from_numpy(positions).to(config.control.device).unflatten(0, (config.members, -1))
-    errors = [lookup_error(lookup, exact, now) for now in visited.unbind(2)]  # a step at a time bounds the memory
+    paths = torch.from_numpy(positions).to(config.control.device).unflatten(0, (config.members, -1))
+    errors = [lookup_error(lookup, exact, now) for now in paths.unbind(2)]  # step by step, to bound the memory
     return torch.stack(errors).mean(0).flatten().cpu().numpy()

@@ -1,6 +1,6 @@
-"""Bring a job to completion: its stages in order, each skipped where it is complete. Knows no command lines.
+"""Execution of a job: its stages in order, each skipped if it is complete. Knows no command lines.
 
-Imports all that stages are made with, which takes seconds; `affmap.pipeline.job` does without it.
+Imports everything that stages are made with, which takes seconds; `affmap.pipeline.job` does without.
 """
 
 import logging
@@ -26,7 +26,7 @@ log = logging.getLogger("affmap")
 
 
 def run(config: Config) -> Setting:
-    """Bring all stages of a job to completion; returns them as a setting.
+    """Complete all stages of a job; returns them as a setting.
 
     Raises:
         ConfigError: there are no models for it, or models of several trials; or a package is missing.
@@ -37,18 +37,18 @@ def run(config: Config) -> Setting:
     _set_up(config)
     store = open_store(config)
     data, train = _models(config, store)
-    predicted = store.ensure(PREDICT.of(config), lambda attempt: make_predictions(config, data, train, attempt))
-    painted = store.ensure(MAP.of(config), lambda attempt: make_maps(config, train, attempt))
-    controlled = store.ensure(CONTROL.of(config), lambda attempt: make_runs(config, train, attempt))
+    predictions = store.ensure(PREDICT.of(config), lambda attempt: make_predictions(config, data, train, attempt))
+    maps = store.ensure(MAP.of(config), lambda attempt: make_maps(config, train, attempt))
+    runs = store.ensure(CONTROL.of(config), lambda attempt: make_runs(config, train, attempt))
     log.info("%s: complete", label(config))
-    return as_setting(config, (data, train, predicted, painted, controlled))
+    return as_setting(config, (data, train, predictions, maps, runs))
 
 
 def validation(config: Config) -> np.ndarray:
-    """Bring a training to completion, without maps and control; returns the validation NLL at its end.
+    """Complete a training, without maps and control; returns the validation NLL at its end.
 
-    `[R]`, one for each trial (a single one without trials), nats: medians over members, because single members have
-    single epochs that stand out; NaN where a member is lost.
+    `[R]`, one for each trial (a single one without trials), nats: medians over members, because members have outliers
+    in single epochs; NaN where a member has diverged.
 
     Raises:
         ConfigError: there are no models for it; or a package is missing.
@@ -63,13 +63,13 @@ def validation(config: Config) -> np.ndarray:
 
 
 def score(config: Config) -> float | list[float]:
-    """What a search is for (`objective`), of a job that is brought to completion as far as that needs.
+    """The `objective` of a search for a job, which is completed as far as needed.
 
     A number, or one for each trial: median validation NLL of the members (nats), mean distance to the goal over all
     runs (u), or the share of successful runs.
 
     Raises:
-        ConfigError: there are no models for it; or trials fly; or a package is missing.
+        ConfigError: there are no models for it, or several trials are to fly, or a package is missing.
     """
     if config.objective == "validation_nll":
         values = validation(config)
@@ -79,12 +79,12 @@ def score(config: Config) -> float | list[float]:
 
 
 def _set_up(config: Config) -> None:
-    """Set what holds for the whole process: threads, and whether loops are compiled."""
+    """Configure the process: threads, and whether loops are compiled."""
     torch.set_num_threads(config.threads)
     compiled.use(config.compiled)
 
 
 def _models(config: Config, store: Store) -> tuple[Path, Path]:
-    """Bring exploration and training to completion; returns where they are."""
+    """Complete exploration and training; returns their folders."""
     data = store.ensure(DATA.of(config), lambda attempt: make_data(config, attempt))
     return data, store.ensure(TRAIN.of(config), lambda attempt: make_models(config, data, attempt))

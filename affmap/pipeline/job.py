@@ -1,4 +1,4 @@
-"""The stages of a job: which they are, whether they are complete, and whether they can be made. Makes none of them."""
+"""The stages of a job, their completeness, and checks before they are made. Makes none of them."""
 
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
+from affmap.control.registry import is_learned
 from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
 from affmap.settings.messages import ConfigError
@@ -18,7 +19,7 @@ from affmap.store.store import Store
 
 
 def stages(config: Config) -> tuple[Stage, ...]:
-    """The stages of a job, in their order."""
+    """The stages of a job, in order."""
     return tuple(stage.of(config) for stage in (DATA, TRAIN, PREDICT, MAP, CONTROL))
 
 
@@ -29,25 +30,25 @@ def all_stages(sweep: Sweep) -> list[Stage]:
 
 
 def open_store(config: Config) -> Store:
-    """Where the stages of a job are."""
+    """The store of a job's stages."""
     return Store(config.store, [config.reference] if config.models == "reference" else [], config.versions == "any")
 
 
 def is_complete(config: Config) -> bool:
-    """Whether all stages of a job are complete; their files are not looked at."""
+    """Whether all stages of a job are complete; their files are not verified."""
     store = open_store(config)
     return all(store.has(stage) for stage in stages(config))
 
 
 def find(config: Config, values: Mapping[str, Value] = MappingProxyType({})) -> Setting | None:
-    """The stages of a job as a setting, or None if one is not complete.
+    """The stages of a job as a setting, or None if one is incomplete.
 
     Args:
         config: of the job.
-        values: those of the keys that its sweep varies, beside context size, planner and layout.
+        values: of the swept keys, besides context size, planner and layout.
 
     Raises:
-        StoreError: a file is damaged, or other versions of packages have made a stage.
+        StoreError: a file is corrupted, or a stage was made with other versions of packages.
     """
     store = open_store(config)
     folders = [store.find(stage) for stage in stages(config)]
@@ -56,20 +57,27 @@ def find(config: Config, values: Mapping[str, Value] = MappingProxyType({})) -> 
 
 
 def as_setting(config: Config, folders: Sequence[Path], values: Mapping[str, Value] = MappingProxyType({})) -> Setting:
-    """The folders of a job's stages, in their order, as a setting; `values` as in `find`."""
-    always: dict[str, Value] = {
+    """The folders of a job's stages, in order, as a setting; `values` as in `find`."""
+    common: dict[str, Value] = {
         CONTEXT_SIZE.key: config.model.context_size,
         PLANNER.key: config.controller,
         LAYOUT.key: config.control_layout.name,
     }
-    return Setting({**always, **values}, {name: (folder,) for name, folder in zip(STAGES, folders, strict=True)})
+    return Setting({**common, **values}, {name: (folder,) for name, folder in zip(STAGES, folders, strict=True)})
+
+
+def agents_without_models(configs: Sequence[Config]) -> list[str]:
+    """Kinds of agents that fly without a model, although models are to be trained for nothing but their reports."""
+    used = {TRAIN.of(config).digest for config in configs if is_learned(config.agent)}
+    idle = [config for config in configs if TRAIN.of(config).digest not in used]
+    return sorted({config.agent.kind for config in idle if not open_store(config).has(TRAIN.of(config))})
 
 
 def check_trials(config: Config) -> None:
-    """Make sure that a job's maps and agents are to be of one training.
+    """Make sure that a job that paints maps and flies agents trains a single trial.
 
     Raises:
-        ConfigError: they are to be of several trials.
+        ConfigError: it trains several.
     """
     if config.training.num_trials is not None:
         key, values = next(iter(config.training.per_trial.items()))
@@ -80,10 +88,10 @@ def check_trials(config: Config) -> None:
 
 
 def check_models(config: Config) -> None:
-    """Make sure that the reference run has the models that a job wants of it.
+    """Make sure that the reference run has the models of a job that uses them.
 
     Raises:
-        ConfigError: it has not.
+        ConfigError: it lacks them.
     """
     stage = TRAIN.of(config)
     if config.models == "reference" and not Store(config.reference).has(stage):
@@ -94,7 +102,7 @@ def check_models(config: Config) -> None:
 
 
 def check_logger(config: Config) -> None:
-    """Make sure that what logs trainings is installed.
+    """Make sure that the logger of trainings is installed.
 
     Raises:
         ConfigError: it is not.
@@ -107,10 +115,10 @@ def check_logger(config: Config) -> None:
 
 
 def check_members(configs: Sequence[Config]) -> None:
-    """Refuse a member in two jobs of one setting: tables count each once.
+    """Make sure that each member of a setting is in one job only, since tables count it once.
 
     Raises:
-        ConfigError: there is one.
+        ConfigError: a member is in two jobs.
     """
     jobs: dict[str, list[range]] = {}
     rest = {*MAP.all_keys, *CONTROL.all_keys} - {"seed", "members"}

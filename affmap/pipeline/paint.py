@@ -14,7 +14,7 @@ from affmap.store.attempt import Attempt
 
 
 def make_maps(config: Config, train: Path, attempt: Attempt) -> None:
-    """Paint and write the maps of all members: trained, untrained, and after the epochs whose weights were kept."""
+    """Paint and write the maps of all members: trained, untrained, and at snapshots of the weights."""
     snapshots = sorted(train.glob(SNAPSHOT.format(epoch="*"))) if config.report.snapshots else []
     codes = _codes(config, trained(config, train))
     _, rows, columns, _ = codes.shape

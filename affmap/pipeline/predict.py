@@ -1,4 +1,4 @@
-"""The stage `predict`: what trained models predict, step by step and place by place, for reports."""
+"""The stage `predict`: predictions of trained models, step by step and place by place, for reports."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,13 +20,13 @@ from affmap.training.steps import classify_steps, step_losses, summarise
 
 
 def make_predictions(config: Config, data: Path, train: Path, attempt: Attempt) -> None:
-    """Write the losses of validation steps by their kind, and the deviations that are predicted at the map's nodes."""
+    """Write the losses of validation steps by kind, and the deviations predicted at the map's nodes."""
     batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
     kinds = classify_steps(data / DATASET, batches.validation)
-    worlds = [config.training_layouts[number // config.data.num_sequences].name for number in batches.validation]
+    names = [config.training_layouts[number // config.data.num_sequences].name for number in batches.validation]
     tables = []
     for epoch, stack in _epochs(config, train):
-        table = summarise(step_losses(stack, batches.val_dataloader()), kinds, worlds, config.seeds)
+        table = summarise(step_losses(stack, batches.val_dataloader()), kinds, names, config.seeds)
         table.insert(1, "epoch", epoch)
         tables.append(table)
     write_steps(attempt.folder, pd.concat(tables))
@@ -34,18 +34,17 @@ def make_predictions(config: Config, data: Path, train: Path, attempt: Attempt) 
 
 
 def _epochs(config: Config, train: Path) -> Iterator[tuple[int, Stack]]:
-    """The stack after each epoch whose weights were kept; after the last one without them, too."""
-    kept = {int(path.stem.rpartition("-")[2]): path for path in train.glob(SNAPSHOT.format(epoch="*"))}
-    for epoch, path in sorted(kept.items()):
+    """The stack after each epoch with a snapshot of the weights, and after the last epoch."""
+    snapshots = {int(path.stem.rpartition("-")[2]): path for path in train.glob(SNAPSHOT.format(epoch="*"))}
+    for epoch, path in sorted(snapshots.items()):
         if epoch != config.training.num_epochs:
             yield epoch, restore(untrained(config), path)
     yield config.training.num_epochs, trained(config, train)
 
 
 def _deviations(config: Config, stack: Stack) -> Deviations:
-    """Predicted standard deviations of a step that begins at rest with closed throttles."""
-    painted = AffordanceMap.paint(stack, [config.map_layout.map], config.report.map_spacing)
-    codes = painted.codes  # [M, Y, X, C]
+    """Predicted standard deviations of a step from rest with closed throttles."""
+    codes = AffordanceMap.paint(stack, [config.map_layout.map], config.report.map_spacing).codes  # [M, Y, X, C]
     num_members, rows, columns, _ = codes.shape
     places = rows * columns
     with torch.inference_mode():

@@ -1,4 +1,4 @@
-"""How far long work is: a bar in a terminal, plain lines elsewhere (leaf)."""
+"""Progress of long work: a bar in a terminal, plain lines elsewhere (leaf)."""
 
 import logging
 import multiprocessing
@@ -18,21 +18,19 @@ SECONDS_BETWEEN_LINES = 15
 def track(
     description: str, total: int, unit: str, note: Callable[[int, int], None] = lambda finished, total: None
 ) -> Iterator[Callable[[int], None]]:
-    """Show the progress of `description`; yields a function to call with the number of `unit`s done of `total`.
+    """Show progress; yields a function to call with the number of finished `unit`s, out of `total`.
 
-    `note` is called with both numbers, for those who look from elsewhere.
+    `note` is called with both numbers, to record them elsewhere.
     """
     # Workers of a parallel sweep share the terminal: their bars would overwrite each other.
-    alone = multiprocessing.current_process().name == "MainProcess"
-    with (
-        _bar(description, total, unit) if alone and sys.stdout.isatty() else _lines(description, total, unit) as update
-    ):
+    has_terminal = multiprocessing.current_process().name == "MainProcess" and sys.stdout.isatty()
+    with (_bar if has_terminal else _lines)(description, total, unit) as show:
 
-        def tell(finished: int) -> None:
-            update(finished)
+        def update(finished: int) -> None:
+            show(finished)
             note(finished, total)
 
-        yield tell
+        yield update
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """The stages of a job: the configuration keys that their results depend on, and the versions of their rules.
 
-A stage's configuration is the part of the whole that its result depends on, and nothing else: where two experiments
-agree on it, they share the result. Fields of settings with `exclude=True` say how, not what, and do not count.
-Knows nothing of how stages are made: that has a file for each.
+A stage's configuration is exactly the part of the whole that its result depends on: experiments that agree on it share
+the result. Fields of settings with `exclude=True` change no result and do not count. The work of each stage has a file
+of its own.
 """
 
 from collections.abc import Iterator
@@ -15,17 +15,17 @@ from affmap.store.stage import Stage
 
 @dataclass(frozen=True)
 class StageDefinition:
-    """One kind of stage. Whoever changes its numbers raises `version`: results of the old rules are then made anew."""
+    """A kind of stage. Raise `version` when its numbers change: stages of the old rules are then made anew."""
 
     name: str
     keys: tuple[str, ...]
-    """Keys of the configuration that it depends on, beside those of the stages that it needs."""
+    """Keys of the configuration that it depends on, besides those of the stages that it needs."""
     needs: "StageDefinition | None" = None
     """The stage whose result it starts from."""
     version: int = 1
 
     def of(self, config: Config) -> Stage:
-        """The stage of a job: its name, all that its result depends on, and the versions of the rules above 1."""
+        """The stage of a job: its name, its part of the configuration, and versions of rules above 1."""
         return Stage(self.name, config.part(self.all_keys), self._versions)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The status of the jobs of a sweep: complete, running, failed, stopped, missing or damaged. Runs nothing."""
+"""The status of the jobs of a sweep: complete, running, failed, stopped, missing or corrupted. Runs nothing."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +15,7 @@ REASONS = {
     "stopped": "its process ended in the middle; was it killed, perhaps for lack of memory?",
     "missing": "it was not begun",
 }
-"""Why a stage is not complete, where it has no error to tell."""
+"""State of an incomplete stage without an error -> the reason."""
 
 
 class StageStatus(NamedTuple):
@@ -44,22 +44,22 @@ class JobStatus(NamedTuple):
 
 
 def jobs(sweep: Sweep, check: bool = False) -> list[JobStatus]:
-    """The status of each job of a sweep; `check` looks at every file of what is complete, once though jobs share it."""
-    known: dict[str, StageStatus] = {}
+    """The status of each job of a sweep; `check` verifies every file of complete stages, once for all jobs."""
+    cache: dict[str, StageStatus] = {}
     return [
-        JobStatus(label, tuple(_part(stage, config, check, known) for stage in stages(config)))
+        JobStatus(label, tuple(_part(stage, config, check, cache) for stage in stages(config)))
         for config, label in zip(sweep.configs, sweep.labels, strict=True)
     ]
 
 
-def _part(stage: Stage, config: Config, check: bool, known: dict[str, StageStatus]) -> StageStatus:
-    if stage.digest not in known:
-        known[stage.digest] = StageStatus(stage.name, stage.digest, open_store(config).state(stage, check))
-    return known[stage.digest]
+def _part(stage: Stage, config: Config, check: bool, cache: dict[str, StageStatus]) -> StageStatus:
+    if stage.digest not in cache:
+        cache[stage.digest] = StageStatus(stage.name, stage.digest, open_store(config).state(stage, check))
+    return cache[stage.digest]
 
 
 def failures(jobs: Iterable[JobStatus]) -> list[str]:
-    """A line or two on each setting that is not complete: why, and where its log is."""
+    """The reason for each incomplete job, and its log, in a line or two."""
     return [_failure(job.label, job.current.state) for job in jobs if job.current]
 
 
@@ -69,5 +69,5 @@ def _failure(label: str, state: State) -> str:
 
 
 def _relative(path: Path) -> Path:
-    """A path as seen from here, where it is below."""
+    """A path relative to the current folder, if it is inside."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

@@ -12,27 +12,27 @@ from affmap.store.attempt import Attempt
 
 
 def make_models(config: Config, data: Path, attempt: Attempt) -> None:
-    """Train, and write weights and losses."""
+    """Train; write weights and losses."""
     from affmap.data.batches import DataModule  # Lightning takes seconds to import
     from affmap.training.fit import fit
 
     batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
     num_trials = config.training.num_trials
     trials = f"{num_trials} trials of " if num_trials else ""
-    description = f"training of {trials}{config.members} members, context size {config.model.context_size}"
+    description = f"training of {trials}{config.members} members, {config.model.name}"
     with track(description, config.training.num_epochs, "epochs", attempt.progress) as update:
         fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, update, _board(config))
 
 
 def _board(config: Config) -> Path | None:
-    """Where TensorBoard finds a job's training, which other jobs may share."""
+    """TensorBoard's folder of a job's training, which other jobs may share."""
     if config.logger != "tensorboard":
         return None
     return config.output / "tensorboard" / f"context{config.model.context_size}_{TRAIN.of(config).digest}"
 
 
 def untrained(config: Config) -> Stack:
-    """The stack before training; with R trials of R x M members, trial by trial, all with the same initial weights."""
+    """The stack before training; with R trials it has R x M members, trial by trial, with equal initial weights."""
     return Stack(config.model, len(config.channels), (config.training.num_trials or 1) * tuple(config.seeds))
 
 

@@ -1,7 +1,7 @@
 """Evolutionary planning: the cross-entropy method with the modifications of Appendix B.
 
 Each problem has a normal distribution over each throttle of each future step. Candidates are drawn from it and
-evaluated, and the distribution moves to the elites. What each modification is there for:
+evaluated, and the distribution moves to the elites. The modifications and their purposes:
 
 - momentum on means and variances (de Boer et al. 2005): steadier estimates from few elites;
 - some elites are kept among the next iteration's candidates, and, shifted by a step, among the next step's (iCEM);
@@ -31,7 +31,7 @@ SQRT_2 = math.sqrt(2)
 
 
 class CEMState(NamedTuple):
-    """What the method remembers from step to step."""
+    """The method's state between steps."""
 
     mean: Tensor
     """`[B, H, 4]`"""
@@ -77,19 +77,19 @@ class CEMPlanner(Settings):
         with torch.inference_mode():  # many small operations: without autograd's bookkeeping they are a tenth faster
             search = self._search_compiled if compiled.enabled() and state.mean.device.type == "cpu" else self._search
             elites, costs, mean = search(objective, state, generators)
-        # Copies, because what was made in inference mode may not meet autograd later.
+        # Copies, because tensors of inference mode cannot enter autograd later.
         plan = Plan(elites[:, 0].clone(), costs[:, 0].clone())
         return plan, CEMState(shift(mean), shift(elites[:, : self.num_kept]))
 
     def _search(self, objective: Objective, state: CEMState, generators: Generators) -> tuple[Tensor, Tensor, Tensor]:
-        """The last elites `[B, E, H, 4]`, the best first, their costs `[B, E]` and the last mean."""
+        """Search; returns the last elites `[B, E, H, 4]`, best first, their costs `[B, E]` and the last mean."""
         mean, kept = state
         variance = torch.full_like(mean, self.initial_variance)
         for _ in range(self.num_iterations):
-            draws = np.empty((len(mean), self.num_candidates, *mean.shape[1:]), np.float32)
-            uniform = torch.from_numpy(self._uniform(generators, draws)).to(mean.device)
-            drawn = truncated_normal(mean[:, None], variance.sqrt()[:, None], uniform)
-            candidates = torch.cat([kept, drawn], dim=1)
+            numbers = np.empty((len(mean), self.num_candidates, *mean.shape[1:]), np.float32)
+            uniform = torch.from_numpy(self._uniform(generators, numbers)).to(mean.device)
+            draws = truncated_normal(mean[:, None], variance.sqrt()[:, None], uniform)
+            candidates = torch.cat([kept, draws], dim=1)
             costs, order = evaluate(objective, candidates).topk(self.num_elites, dim=1, largest=False)  # ascending
             elites = candidates.gather(1, order[..., None, None].expand(-1, -1, *candidates.shape[2:]))
             mean, variance = self._estimate(elites, costs.isfinite(), mean, variance)
@@ -99,7 +99,7 @@ class CEMPlanner(Settings):
     def _search_compiled(
         self, objective: Objective, state: CEMState, generators: Generators
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """The same in compiled loops."""
+        """Search in compiled loops; see `_search`."""
         from affmap.compiled.search import draw, learn
 
         mean, kept = (part.flatten(-2).numpy().copy() for part in state)
@@ -107,7 +107,7 @@ class CEMPlanner(Settings):
         variance = np.full_like(mean, self.initial_variance)
         elites = np.empty((num_problems, self.num_elites, length), np.float32)
         costs = np.empty((num_problems, self.num_elites), np.float32)
-        # Memory that is used again in each iteration, because so much of it is slow to get.
+        # Buffers for all iterations, because so much memory is slow to allocate.
         uniform = np.empty((num_problems, self.num_candidates, length), np.float32)
         candidates = np.empty(0, np.float32)
         for _ in range(self.num_iterations):
@@ -122,11 +122,11 @@ class CEMPlanner(Settings):
         best, last_mean = (torch.from_numpy(part).unflatten(-1, (self.horizon, 4)) for part in (elites, mean))
         return best, torch.from_numpy(costs), last_mean
 
-    def _uniform(self, generators: Generators, draws: np.ndarray) -> np.ndarray:
-        """Fill `draws` `[B, N, ...]` with uniform numbers in [0, 1), each problem's from its own generator."""
-        for generator, draw in zip(generators, draws, strict=True):
-            generator.random(out=draw, dtype=np.float32)
-        return draws
+    def _uniform(self, generators: Generators, numbers: np.ndarray) -> np.ndarray:
+        """Fill `numbers` `[B, N, ...]` with uniform ones in [0, 1), each problem's from its own generator."""
+        for generator, own in zip(generators, numbers, strict=True):
+            generator.random(out=own, dtype=np.float32)
+        return numbers
 
     def _estimate(self, elites: Tensor, usable: Tensor, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance of the usable elites, `[B, E, H, 4]` and `[B, E]` bool, mixed with the old ones."""
@@ -140,9 +140,9 @@ class CEMPlanner(Settings):
 
 
 def truncated_normal(mean: Tensor, std: Tensor, uniform: Tensor) -> Tensor:
-    """Normal variables given that they lie in [0, 1], from uniform ones, by the quantile function.
+    """Normal variables conditioned on [0, 1], from uniform ones, by the quantile function.
 
-    The same distribution as drawing again until a value lies in [0, 1].
+    This equals rejection: drawing until a value lies in [0, 1].
 
     Args:
         mean: in [0, 1], broadcast against `uniform`.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class GradientState(NamedTuple):
-    """What the method remembers from step to step."""
+    """The method's state between steps."""
 
     actions: Tensor
     """`[B, H, 4]`"""
@@ -35,9 +35,9 @@ class GradientPlanner(Settings):
     horizon: Count
     """H, steps."""
     num_iterations: Count
-    """Updates at the most."""
+    """Largest number of updates."""
     initial_action: Share
-    """What all throttles are before the first plan."""
+    """Opening of all throttles before the first plan."""
     learning_rate: Positive
     """Mean over the horizon."""
     decay: Annotated[Share, Field(gt=0)]
@@ -48,15 +48,15 @@ class GradientPlanner(Settings):
         return GradientState(torch.full((num_problems, self.horizon, 4), self.initial_action, device=device))
 
     def plan(self, objective: Objective, state: GradientState, generators: Generators) -> tuple[Plan, GradientState]:
-        """Descend for `num_iterations` updates at the most; see `Planner.plan`. Nothing is random here."""
+        """Descend for at most `num_iterations` updates; see `Planner.plan`. Nothing is random here."""
         rates = self.learning_rates().to(state.actions.device)[:, None]  # [H, 1]
         actions = best = state.actions
         cost = torch.full((len(actions),), torch.inf, device=actions.device)
         active = torch.ones_like(cost, dtype=torch.bool)
         for iteration in range(self.num_iterations + 1):  # the last update, too, is kept only if it helps
-            # What is finished costs no time where the objective is compiled.
-            asked = actions.where(active[:, None, None], torch.nan)
-            new_cost, gradient = self._cost_and_gradient(objective, asked, iteration < self.num_iterations)
+            # NaN: a compiled objective skips finished problems.
+            unfinished = actions.where(active[:, None, None], torch.nan)
+            new_cost, gradient = self._cost_and_gradient(objective, unfinished, iteration < self.num_iterations)
             active = active & (new_cost <= cost)
             best = torch.where(active[:, None, None], actions, best)
             cost = torch.where(active, new_cost, cost)
@@ -75,12 +75,12 @@ class GradientPlanner(Settings):
 
     @staticmethod
     def _cost_and_gradient(objective: Objective, actions: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor]:
-        """Cost `[B]` of actions `[B, H, 4]` and its gradient (zeros unless asked for)."""
+        """Cost `[B]` of actions `[B, H, 4]`, and its gradient (or zeros)."""
         with torch.set_grad_enabled(with_gradient):
             variable = actions.detach().requires_grad_(with_gradient)
             cost = evaluate(objective, variable[:, None])[:, 0]
             if not with_gradient:
                 return cost, torch.zeros_like(actions)
             (gradient,) = torch.autograd.grad(cost.sum(), variable)
-        # Where the objective is not a number, neither is its gradient; such actions stay where they are.
+        # Where the objective is NaN, so is its gradient; such actions stay as they are.
         return cost.detach(), gradient.nan_to_num(0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Expected free energy: what planners minimise (Section 2.2.1).
+"""Expected free energy, the objective of planners (Section 2.2.1).
 
 The desired state is a Gaussian around the goal. Always to be minimised; knows nothing of models and actions.
 """

@@ -1,4 +1,4 @@
-"""What every planner is: a search for the actions that minimise an objective, state in and state out.
+"""The protocol of planners: search for the actions that minimise an objective, state in and state out.
 
 A planner sees a callable and tensors: no models, no worlds, no goals.
 """
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 Objective = Callable[["Tensor"], "Tensor"]
 """Cost of candidates: actions `[B, N, H, 4]` -> `[B, N]`, to be minimised.
 
-Planners that need no gradient call it in torch's inference mode: it must not differentiate anything itself then. They
-may write their candidates again after it has returned. A problem that needs no cost is left out by actions that are
-NaN; its cost is NaN, too, or anything else.
+Planners that need no gradient call it in torch's inference mode, in which it must not differentiate anything itself.
+They may overwrite their candidates after it has returned. Actions that are NaN mark a problem that needs no cost; its
+cost is NaN, too, or anything else.
 """
 
 Generators = Sequence[np.random.Generator]
@@ -42,11 +42,11 @@ class Planner(Protocol):
     horizon: int
 
     def initial(self, num_problems: int, device: torch.device | str = "cpu") -> Any:
-        """The state of a planner that has not planned yet, for B problems."""
+        """The state before the first plan, for B problems."""
         ...
 
     def plan(self, objective: Objective, state: Any, generators: Generators) -> tuple[Plan, Any]:
-        """Plan for B problems, from where the last plans ended; returns the plans and the state for the next step."""
+        """Plan for B problems, starting from the last plans; returns the plans and the state for the next step."""
         ...
 
 

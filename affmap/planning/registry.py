@@ -1,4 +1,4 @@
-"""The planners that a configuration can name: those of this folder, and whatever else is registered."""
+"""The planners that a configuration can name: those of this folder, and others that are registered."""
 
 from typing import Annotated, Protocol
 
@@ -20,4 +20,4 @@ class ConfiguredPlanner(Planner, Protocol):
 
 
 AnyPlanner = Annotated[ConfiguredPlanner, PlainValidator(_registry.choose)]
-"""A file of `conf/planner`; its `kind` tells which."""
+"""A file of `conf/planner`, by its `kind`."""

@@ -1,4 +1,4 @@
-"""What goes on in the window: a world, a vehicle, an agent, what the player may change. Knows no pixels and no keys."""
+"""The game: a layout, a vehicle, an agent, and everything that the player may change. Knows no pixels and no keys."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -20,14 +20,14 @@ from affmap.settings import ConfigError, folder, read
 
 BETAS, LOOKUPS = (0.0, 1.0, 10.0, 100.0), ("map", "exact")
 GROUND_SPACING = 0.04
-"""Between nodes of the map that is shown, u: painted in a hundredth of a second."""
+"""Spacing of the nodes of the displayed map, u; painting takes a hundredth of a second."""
 
 GRAB = 0.05
-"""u; a click this far outside a circle still takes hold of it."""
+"""Distance outside a circle at which a click still grabs it, u."""
 
 
 class Setting(NamedTuple):
-    """What the player may change about the agent."""
+    """Settings of the agent that the player may change."""
 
     context_size: int
     planner: str
@@ -40,17 +40,18 @@ class Game:
 
     Attributes:
         worlds: names of the worlds that the agent can see.
-        planners: names of those that it can have.
+        planners: names of the planners that it can have.
         world: name of the world, which circles may have been moved in since.
         layout: the world as it is now.
         env: the vehicle in it.
-        setting: what the agent is.
+        setting: the settings of the agent.
         by_hand: whether the player flies; else the agent does.
-        throttles: `[4]`, what the player does.
-        thought: what the agent had in mind with its last action; None where it has not acted.
+        throttles: `[4]`, the player's action.
+        thought: the plan behind the agent's last action; None before it has acted.
         past: true positions since the last reset, `[2]` each, u.
-        ground: `[Y, X, 3]`, the affordance map in colours; None where there is no context code.
-        message: a sentence for the player, about what could not be done.
+        in_fog: whether the vehicle is in fog.
+        ground: `[Y, X, 3]`, the affordance map in colours; None without a context code.
+        message: a sentence for the player on an action that was not possible.
     """
 
     def __init__(self, source: str = "exp1", world: str | None = None, context_size: int | None = None) -> None:
@@ -67,12 +68,12 @@ class Game:
         self.planners = sorted({self.origin.planner, *(path.stem for path in (folder() / "planner").glob("*.yaml"))})
         self.by_hand, self.throttles, self.message = False, np.zeros(4), ""
         self._seeds = count()
-        self._load = cache(self._make)  # moving a circle should not read files
-        flown = self.origin.layout if self.origin.layout in self.worlds else self.worlds[0]  # not a random one
-        self.enter(world or flown)
+        self._load = cache(self._make)  # so that moving a circle reads no files
+        home = self.origin.layout if self.origin.layout in self.worlds else self.worlds[0]  # not a random one
+        self.enter(world or home)
 
     def enter(self, world: str) -> None:
-        """Begin anew in a world.
+        """Start afresh in a world.
 
         Raises:
             ConfigError: the agent cannot see it, or it does not exist.
@@ -88,25 +89,26 @@ class Game:
         """Start in a corner, with the goal in the opposite one."""
         self._observation, info = self.env.reset(seed=next(self._seeds))
         self._pilot.reset()
-        self.past = [info["position"]]
+        self.past, self.in_fog = [info["position"]], info["in_fog"]
         self.thought: Thought | None = None
 
     def change(self, **values: object) -> None:
-        """Change something about the agent, which goes on from where it is; see `Setting`."""
+        """Change settings of the agent in flight; see `Setting`."""
         before, self.setting = self.setting, self.setting._replace(**values)  # type: ignore[arg-type]
         self._take_controls(new_colors=before.context_size != self.setting.context_size)
 
     def step(self, paused: bool = False) -> None:
-        """Fly for a step; while `paused`, the agent only thinks."""
+        """Fly for a step; while `paused`, the agent only plans."""
         if self.by_hand:
             action, self.thought = self.throttles, None
         elif not paused:
             action, self.thought = self._pilot(self._observation), self._pilot.thought
-        elif self.thought is None:  # it thinks once, and has not flown
+        elif self.thought is None:  # it plans once, without flying
             self.thought = self._pilot.consider(self._observation)
         if not paused:
             self._observation, _, _, _, info = self.env.step(action)
             self.past.append(info["position"])
+            self.in_fog = info["in_fog"]
 
     def set_goal(self, goal: Sequence[float]) -> None:
         """Fly to a point of the arena `[2]`, u."""
@@ -115,35 +117,35 @@ class Game:
         self.thought = None
 
     def circle_at(self, point: Sequence[float]) -> int | None:
-        """The number of the circle at a point `[2]` (u), of several the smallest; None where there is none."""
+        """Index of the circle at a point `[2]` (u), the smallest of several; None if there is none."""
         gaps = [np.hypot(*np.subtract(point, circle.center)) - circle.radius for circle in self.layout.circles]
         hit = [number for number, gap in enumerate(gaps) if gap < GRAB]
         return min(hit, key=lambda number: self.layout.circles[number].radius, default=None)
 
     def move_circle(self, number: int, center: Sequence[float]) -> None:
-        """Move a circle to a point `[2]` (u); where that is not possible it stays, and `message` says why."""
+        """Move a circle to a point `[2]` (u); if that is impossible it stays, and `message` says why."""
         values = self.layout.model_dump()
         values["circles"][number]["center"] = tuple(np.clip(center, 0, self.layout.size).tolist())
         layout = Layout.model_validate(values)
         try:
             env = VehicleEnv(layout)
             options = {"position": self.past[-1], "goal": self.env.goal}
-            observation, _ = env.reset(seed=next(self._seeds), options=options)
+            observation, info = env.reset(seed=next(self._seeds), options=options)
         except ValueError:
             self.message = "A circle may cover neither a start corner nor the vehicle."
             return
         self.message = ""
-        self.layout, self.env, self._observation = layout, env, observation
+        self.layout, self.env, self._observation, self.in_fog = layout, env, observation, info["in_fog"]
         self._take_controls(new_colors=False)
 
     @property
     def view(self) -> np.ndarray:
-        """`[K, 11, 11]` bool, what the vehicle sees."""
+        """Present view of the vehicle, `[K, 11, 11]` bool."""
         return self.env.probe(self.past[-1])
 
     @property
     def code(self) -> np.ndarray:
-        """`[C]`, the context code where the vehicle is."""
+        """Context code at the vehicle's position, `[C]`."""
         position = torch.tensor(self.past[-1], dtype=torch.float32)[None, None]
         agent = self._pilot.agent
         assert isinstance(agent, Agent)
@@ -151,11 +153,11 @@ class Game:
 
     @property
     def distance(self) -> float:
-        """From the vehicle to the goal, u."""
+        """Distance from the vehicle to the goal, u."""
         return float(np.hypot(*(self.past[-1] - self.env.goal)))
 
     def _take_controls(self, new_colors: bool) -> None:
-        """Put another agent at the controls, after something about it or its world has changed."""
+        """Put a new agent at the controls after a change of settings or layout."""
         context_size, planner, beta, lookup = self.setting
         agent = self._load(context_size, planner, lookup)
         agent.settings = agent.settings.model_copy(update={"beta": beta})
@@ -164,20 +166,20 @@ class Game:
         self.ground = self._paint(agent.stack, new_colors) if context_size else None
 
     def _make(self, context_size: int, planner: str, lookup: str) -> Agent:
-        flown = planner == self.origin.planner  # then with the experiment's own settings
-        agent = pretrained.load(self.source, context_size=context_size, planner=None if flown else planner)
+        own = planner == self.origin.planner  # then with the experiment's own settings
+        agent = pretrained.load(self.source, context_size=context_size, planner=None if own else planner)
         agent.lookup = make_lookup(LookupSettings.load("lookup", lookup), agent.stack, [self.layout.map])
         return agent
 
     def _paint(self, stack: Stack, new_colors: bool) -> np.ndarray:
         codes = AffordanceMap.paint(stack, [self.layout.map], GROUND_SPACING).codes[0].numpy()
-        if new_colors:  # else they would change while a circle is moved
+        if new_colors:  # otherwise they would change while a circle is moved
             self._palette = Palette.fit(codes.reshape(-1, codes.shape[-1]))
         return self._palette(codes)
 
 
 def _worlds(channels: tuple[str, ...]) -> list[str]:
-    """Names of the fixed worlds with some channels."""
+    """Names of the fixed layouts with the given channels."""
     names = sorted(path.stem for path in (folder() / "layout").glob("*.yaml"))
-    found = {name: read("layout", name) for name in names}
-    return [name for name, values in found.items() if "circles" in values and tuple(values["channels"]) == channels]
+    layouts = {name: read("layout", name) for name in names}
+    return [name for name, values in layouts.items() if "circles" in values and tuple(values["channels"]) == channels]

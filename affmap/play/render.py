@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -17,17 +17,18 @@ from affmap.cli.app import command
 from affmap.control.episodes import fly
 from affmap.control.pretrained import experiments, load, origin
 from affmap.env.body import Vehicle
-from affmap.env.layout import Layout
-from affmap.env.procedural import world
-from affmap.env.rendering import BLACK, WHITE, Canvas, Scene
+from affmap.env.procedural import first_layout
+from affmap.env.rendering import BLACK, WHITE, Canvas
+from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.model.lookup import AffordanceMap
 from affmap.model.palette import Palette
+from affmap.results.files import Trajectories
 from affmap.settings import ConfigError
 
 SCALE, HEAD, GAP = 160, 26, 8  # pixels: a unit, the line above a picture, between pictures
 SPACING = 0.02
-"""Between nodes of the map that is shown, u."""
+"""Spacing of the nodes of the displayed map, u."""
 
 Frame = np.ndarray
 """`[height, width, 3]` uint8."""
@@ -44,53 +45,49 @@ def film(
     num_steps: int | None = None,
     with_map: bool = True,
 ) -> Iterator[Frame]:
-    """Fly, and show each step; flights begin in the same place and have the same goal.
+    """Film flights with the same start and goal, one frame per step.
 
     Args:
-        source: whose models; see `affmap.load`.
+        source: source of the models, see `affmap.load`.
         context_sizes: one picture for each.
-        layout: name of the world, by default that of the experiment; of rules for worlds the member's first.
+        layout: name of the world, by default that of the experiment; for rules of worlds, the member's first world.
         planner: name of a file of `conf/planner`, by default that of the experiment.
-        member: which of the models.
-        run: 0 to 3, the corner where it starts.
-        num_steps: how long it flies, by default as long as the experiment's runs.
+        member: the member that flies.
+        run: 0 to 3, the corner of the start.
+        num_steps: length of the flights, by default that of the experiment's runs.
         with_map: whether the ground has the colours of the affordance map.
 
     Raises:
         ConfigError: there are no such models, world or planner.
     """
-    flown = world(layout or origin(source).layout, member)
+    first, radius = first_layout(layout or origin(source).layout, member), Vehicle.load("vehicle", "default").radius
     films = []
     for context_size in context_sizes:
         agent = load(source, context_size=context_size, members=[member], planner=planner)
         if num_steps:
             agent.settings = agent.settings.model_copy(update={"num_steps": num_steps})
-        trajectories = {key: values[run] for key, values in fly(agent, flown).trajectories.items()}
-        ground = None
+        paths = Trajectories(**fly(agent, first).trajectories)
+        extras: dict[str, Any] = {"goal_radius": agent.settings.goal_radius}
         if with_map and context_size:
-            codes = AffordanceMap.paint(agent.stack, [flown.map], SPACING).codes[0].numpy()
-            ground = Palette.fit(codes.reshape(-1, context_size))(codes)
+            codes = AffordanceMap.paint(agent.stack, [first.map], SPACING).codes[0].numpy()
+            extras["ground"] = Palette.fit(codes.reshape(-1, context_size))(codes)
         title = f"context code of {context_size}" if context_size else "no context code"
-        films.append(_pictures(flown, trajectories, ground, agent.settings.goal_radius, title))
+        scenes = [paths.scene(run, step, first, radius) for step in range(paths.action.shape[1])]
+        films.append(_pictures([scene._replace(**extras) for scene in scenes], title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
         row = [part for picture in pictures for part in (picture, gap)]
         yield np.concatenate(row[:-1], axis=1)
 
 
-def _pictures(
-    layout: Layout, flight: Mapping[str, np.ndarray], ground: np.ndarray | None, goal_radius: float, title: str
-) -> Iterator[Frame]:
-    """One flight; `flight` holds what `Runs.trajectories` has of it."""
-    canvas = Canvas(layout.size, Vehicle.load("vehicle", "default"), window=False, pixels_per_unit=SCALE)
+def _pictures(scenes: Iterable[Scene], title: str) -> Iterator[Frame]:
+    """Frames of a flight, with a line above each."""
     pygame.font.init()
     font = pygame.font.Font(None, HEAD)
-    for step, action in enumerate(flight["action"]):
-        path, std = (flight[key][step] for key in ("planned_position", "planned_std"))
-        position, goal = flight["position"][step], flight["goal"]
-        past = flight["position"][: step + 1]
-        canvas.draw(Scene(layout, position, action, goal, goal_radius, path, std, past=past, ground=ground))
-        distance = float(np.hypot(*(position - goal)))
+    for step, scene in enumerate(scenes):
+        canvas = Canvas(scene.layout.size, window=False, pixels_per_unit=SCALE)
+        canvas.draw(scene)
+        distance = float(np.hypot(*(scene.position - scene.goal)))
         line = font.render(f"{title}: step {step}, {distance:.2f} u to the goal", True, BLACK)
         head = pygame.Surface((canvas.surface.get_width(), HEAD))
         head.fill(WHITE)
@@ -99,18 +96,18 @@ def _pictures(
 
 
 def write(path: Path, frames: Iterator[Frame], every: int) -> None:
-    """Write every so manieth frame, at the speed of the world: an animated GIF or, where the name ends so, a video."""
+    """Write every n-th frame in real time, as an animated GIF or, if the name ends in .mp4, as a video."""
     import imageio.v3 as imageio
 
-    chosen = list(islice(frames, 0, None, every))
+    pictures = list(islice(frames, 0, None, every))
     how: dict[str, Any] = {"duration": 1000 * every / RENDER_FPS, "loop": 0, "subrectangles": True}
     if path.suffix != ".gif":
         how = {"fps": RENDER_FPS / every, "macro_block_size": 2}
-    imageio.imwrite(path, chosen, **how)
+    imageio.imwrite(path, pictures, **how)
 
 
 def check(path: Path) -> None:
-    """Make sure that a film can be written, before anything flies.
+    """Check that a film can be written before any flight.
 
     Raises:
         ConfigError: it cannot.
@@ -142,26 +139,26 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=2, help="leave out frames: one every so many steps (default: 2)")
     parser.add_argument("--plain", action="store_true", help="circles instead of the affordance map")
     parser.add_argument("--output", type=Path, default=Path("flight.gif"), help="a .gif or .mp4 (default: flight.gif)")
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: _render(chosen), goes_on=False)
+    command(lambda _: _render(arguments), resumes=False)
 
 
-def _render(chosen: argparse.Namespace) -> None:
-    check(chosen.output)
+def _render(arguments: argparse.Namespace) -> None:
+    check(arguments.output)
     for key in ("steps", "every"):
-        if getattr(chosen, key) is not None and getattr(chosen, key) < 1:
-            raise ConfigError(f"--{key} {getattr(chosen, key)} should be 1 or more.")
+        if getattr(arguments, key) is not None and getattr(arguments, key) < 1:
+            raise ConfigError(f"--{key} {getattr(arguments, key)} should be 1 or more.")
     frames = film(
-        chosen.source,
-        chosen.context_size,
-        layout=chosen.layout,
-        planner=chosen.planner,
-        member=chosen.member,
-        run=chosen.run,
-        num_steps=chosen.steps,
-        with_map=not chosen.plain,
+        arguments.source,
+        arguments.context_size,
+        layout=arguments.layout,
+        planner=arguments.planner,
+        member=arguments.member,
+        run=arguments.run,
+        num_steps=arguments.steps,
+        with_map=not arguments.plain,
     )
-    write(chosen.output, frames, chosen.every)
-    print(f"The film is {chosen.output}")
+    write(arguments.output, frames, arguments.every)
+    print(f"The film is {arguments.output}")

@@ -1,4 +1,4 @@
-"""The command `affmap-play`: the game in a window (pygame), with a panel of what the vehicle sees and the agent is."""
+"""The command `affmap-play`: the game in a window (pygame), with a panel on the agent and its view."""
 
 import argparse
 import os
@@ -13,7 +13,8 @@ import torch
 from affmap.cli.app import command
 from affmap.control.pretrained import experiments
 from affmap.env.body import THROTTLES
-from affmap.env.rendering import BLACK, PLAN, WHITE, Canvas, Scene
+from affmap.env.rendering import BLACK, WHITE, Canvas
+from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.play.game import BETAS, LOOKUPS, Game
 from affmap.results.setting import PLANNERS
@@ -29,7 +30,7 @@ ARROWS = {
     pygame.K_UP: (0, 1),
     pygame.K_DOWN: (0, -1),
 }
-"""Key -> direction in which it pushes."""
+"""Key -> direction of the push."""
 
 HELP = "click: goal   drag a circle: move it   arrows: fly by hand   enter: the agent flies   space: pause   R: restart"
 
@@ -42,14 +43,14 @@ class Held(NamedTuple):
 
     number: int
     grip: np.ndarray
-    """`[2]`, from where it is held to its centre."""
+    """Offset `[2]` from the grip to the centre."""
     now: tuple[float, float]
-    """Where the mouse is."""
+    """Position of the mouse."""
     moved: bool = False
 
 
 class Shown(NamedTuple):
-    """What is drawn besides the vehicle and its world."""
+    """Switches for the parts of the picture besides the vehicle and its layout."""
 
     candidates: bool = True
     map: bool = True
@@ -57,7 +58,7 @@ class Shown(NamedTuple):
 
 
 class Window:
-    """Shows a game, and lets somebody play it."""
+    """Window that displays a game and takes the player's input."""
 
     def __init__(self, game: Game) -> None:
         """Open a window.
@@ -78,7 +79,7 @@ class Window:
     def _fit(self) -> None:
         """Give the window the size of the world."""
         game = self.game
-        self._canvas = Canvas(game.layout.size, game.env.vehicle, window=False, pixels_per_unit=SCALE)
+        self._canvas = Canvas(game.layout.size, window=False, pixels_per_unit=SCALE)
         width, height = self._canvas.surface.get_size()
         self.screen = pygame.display.set_mode((width + PANEL, height + FOOT))
 
@@ -116,7 +117,7 @@ class Window:
             self._held = None
 
     def _move(self) -> None:
-        """Put the circle that is held where the mouse has carried it."""
+        """Move the held circle with the mouse."""
         if self._held is not None and self._held.moved:
             self.game.move_circle(self._held.number, (self._held.grip + self._held.now).tolist())
 
@@ -160,21 +161,16 @@ class Window:
 
     def draw(self) -> None:
         """Draw everything."""
-        game, thought = self.game, self.game.thought
+        game, env, thought = self.game, self.game.env, self.game.thought
         self.screen.fill(WHITE)
         canvas = self._canvas
-        scene = Scene(
-            game.layout,
-            game.past[-1],
-            game.env.action,
-            game.env.goal,
-            game.env.goal_radius,
-            past=np.array(game.past[-200:]),
-        )
+        scene = Scene(game.layout, env.vehicle.radius, game.past[-1], env.goal, env.goal_radius, env.action)
+        ground = game.ground if self.shown.map else None
+        scene = scene._replace(past=np.array(game.past[-200:]), in_fog=game.in_fog, view=self.shown.view, ground=ground)
         if thought:
             scene = scene._replace(path=thought.path, std=thought.std)
             scene = scene._replace(candidates=thought.candidates if self.shown.candidates else None)
-        canvas.draw(scene._replace(ground=game.ground if self.shown.map else None))
+        canvas.draw(scene)
         self.screen.blit(canvas.surface, (0, 0))
         self._panel(canvas.surface.get_width() + MARGIN)
         foot = canvas.surface.get_height() + FOOT // 3
@@ -183,24 +179,21 @@ class Window:
     def _panel(self, left: int) -> None:
         game, setting = self.game, self.game.setting
         planner = PLANNERS[setting.planner].method if setting.planner in PLANNERS else setting.planner
-        flown = "by hand" if game.by_hand else "by the agent"
-        state = "paused" if self.paused else f"flown {flown}"
+        pilot = "by hand" if game.by_hand else "by the agent"
+        state = "paused" if self.paused else f"flown {pilot}"
         lines = [
-            (f"{state}, {game.distance:.2f} u to the goal", BLACK),
-            (f"C   context code: {setting.context_size or 'none'}", PLAN),
-            (
-                f"P   planner: {planner}",
-                PLAN,
-            ),
-            (f"B   beta, weight on uncertainty: {setting.beta:g}", PLAN),
-            (f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}", PLAN),
-            (f"W   world: {game.world}", PLAN),
-            (f"M   map in colours: {_on(self.shown.map) if setting.context_size else 'there is none'}", PLAN),
-            (f"H   candidates: {_on(self.shown.candidates)}", PLAN),
-            (f"V   view: {_on(self.shown.view)}", PLAN),
+            f"{state}, {game.distance:.2f} u to the goal",
+            f"C   context code: {setting.context_size or 'none'}",
+            f"P   planner: {planner}",
+            f"B   beta, weight on uncertainty: {setting.beta:g}",
+            f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}",
+            f"W   world: {game.world}",
+            f"M   map in colours: {_on(self.shown.map) if setting.context_size else 'there is none'}",
+            f"H   candidates: {_on(self.shown.candidates)}",
+            f"V   view: {_on(self.shown.view)}",
         ]
-        for number, (line, color) in enumerate(lines):
-            self._text(line, (left, MARGIN + 25 * number), color, self._font)
+        for number, line in enumerate(lines):
+            self._text(line, (left, MARGIN + 25 * number), BLACK, self._font)
         top = MARGIN + 25 * len(lines) + 12
         if self.shown.view:
             top = self._view(left, top)
@@ -208,9 +201,9 @@ class Window:
             self._bars(left, top)
 
     def _view(self, left: int, top: int) -> int:
-        """A tile for each channel, side by side; returns where the next thing goes."""
+        """Draw a tile for each channel, side by side; returns the top of the next part."""
         view, names = self.game.view, self.game.layout.channels
-        self._text("what the vehicle sees", (left, top), GREY, self._small)
+        self._text("view of the vehicle", (left, top), GREY, self._small)
         side = min(110, (PANEL - 2 * MARGIN) // len(names) - 6)
         for number, (channel, name) in enumerate(zip(view, names, strict=True)):
             shades = np.where(channel[::-1].T, 60, 235).astype(np.uint8)
@@ -221,7 +214,7 @@ class Window:
         return top + side + 50
 
     def _bars(self, left: int, top: int) -> None:
-        """The context code where the vehicle is."""
+        """Draw the context code at the vehicle's position."""
         code = self.game.code
         self._text("context code there", (left, top), GREY, self._small)
         middle, half = left + 130, 90
@@ -239,7 +232,7 @@ class Window:
         self.screen.blit(font.render(text, True, color), place)
 
     def _point(self, pixel: tuple[int, int]) -> tuple[float, float]:
-        """The point of the arena under a pixel, u."""
+        """Point of the arena under a pixel, u."""
         return pixel[0] / SCALE, self.game.layout.size[1] - pixel[1] / SCALE
 
     def _in_arena(self, pixel: tuple[int, int]) -> bool:
@@ -248,7 +241,7 @@ class Window:
 
 
 def _find_screen() -> None:
-    """Make sure that somebody could see a window.
+    """Check that there is a screen for a window.
 
     Raises:
         ConfigError: there is no screen.
@@ -262,7 +255,7 @@ def _find_screen() -> None:
 
 
 def _next(options: Sequence[T], now: T) -> T:
-    """The option after the present one; the first where that is none of them."""
+    """Option after the present one; the first if the present one is not an option."""
     return options[(options.index(now) + 1) % len(options)] if now in options else options[0]
 
 
@@ -279,7 +272,7 @@ def main() -> None:
     )
     parser.add_argument("--world", help="a layout of conf/layout, by default that of the experiment")
     parser.add_argument("--context-size", type=int, help="by default the largest there is")
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
     sys.argv[1:] = []
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: Window(Game(chosen.source, chosen.world, chosen.context_size)).run(), goes_on=False)
+    command(lambda _: Window(Game(arguments.source, arguments.world, arguments.context_size)).run(), resumes=False)

@@ -1,6 +1,6 @@
-"""The writer of all reports: when a folder is drawn again, its manifest, and the check that it holds a report."""
+"""Writer of all reports: draws a folder again when it is out of date, writes and checks its manifest."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -8,7 +8,7 @@ from affmap.results import manifest
 from affmap.settings.messages import ConfigError
 
 KINDS = {"compare": "a comparison", "trials": "a search", "experiments": "a report of the paper", "jobs": "a report"}
-"""Key of a manifest that tells what kind of report it belongs to -> the name of the kind."""
+"""Key of a manifest that identifies the kind of report -> the name of the kind."""
 
 
 class Report(Protocol):
@@ -21,7 +21,7 @@ class Report(Protocol):
 
     @property
     def record(self) -> Mapping[str, Any]:
-        """Everything that the report depends on but the code that draws it; a plain value for its manifest."""
+        """Everything that the report depends on, except the code that draws it, as a plain value for the manifest."""
         ...
 
     @property
@@ -37,7 +37,7 @@ class Report(Protocol):
 def write(report: Report) -> Path:
     """Write a report and its manifest; returns the file to open first.
 
-    Where the report is there already, made of the same results by the same code, nothing is done.
+    Does nothing if the folder already holds this report, of the same results and by the same code.
 
     Raises:
         ConfigError: the folder holds a report of another kind.
@@ -54,20 +54,14 @@ def write(report: Report) -> Path:
 
 
 def check(report: Report) -> None:
-    """Make sure that the folder of a report holds it, whatever code drew it.
+    """Check that the folder of a report holds it, whatever code drew it.
 
     Raises:
-        ConfigError: it holds a report of other results, or none.
+        ConfigError: the folder holds a report of other results, or none.
     """
     if not manifest.same_results(manifest.read(report.output), report.record):
         kind = KINDS[_kind(report.record)]
         raise ConfigError(f"{report.output} holds no {kind[2:]} of these results; run affmap-report for them first.")
-
-
-def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table; its cells are text."""
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)]) + "\n"
 
 
 def markdown_page(path: Path, title: str, notice: str | None, command: str, text: str) -> None:
@@ -83,5 +77,5 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _kind(record: Mapping[str, Any]) -> Any:
-    """The key of `KINDS` that tells the kind of a manifest; None for an empty one."""
+    """Key of `KINDS` that a manifest has; None for an empty manifest."""
     return next((key for key in KINDS if key in record), "jobs") if record else None

@@ -1,13 +1,15 @@
-"""The content of a report about one experiment as blocks (`blocks.py`): results, tests, origin; all cells are text."""
+"""The directives of an experiment's page: results, tests and their origin as Markdown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from affmap.report import blocks, build, sentences
-from affmap.report.blocks import Block
+from affmap.report import sentences
 from affmap.report.drawing.colors import name_of, readable
+from affmap.report.markdown import bullets, escape, table, text_table
 from affmap.results import provenance, scores
 from affmap.results.claims import Score
 from affmap.results.files import EVERYWHERE
@@ -17,204 +19,221 @@ from affmap.results.numbers import NOTHING, number, p_value, span
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings
 from affmap.results.statistics import LEVEL
 from affmap.results.tables import Results
+from affmap.settings import ConfigError
 
-RULE = (
-    "Tests are paired by member; a member's score is its mean over its runs. Trends over context sizes: Page's "
-    "trend test (Wilcoxon's signed-rank test where only two sizes were run); two conditions: Wilcoxon's "
-    f"signed-rank test. A claim holds when the one-sided p in its direction is below {LEVEL}, does not "
-    "hold when the one-sided p in the opposite direction is, and is not decided otherwise. A claim of a size (a level, "
-    "or being the same up to a margin) has no p; its 95 % interval decides. Effects are means over members with BCa "
-    "bootstrap intervals; those of likelihoods in tests with a p, whose tails are heavy, are medians over members with "
-    "exact intervals. The p values are not corrected for the number of claims. sd: standard deviation of a member's "
-    "own map. A claim of several parts holds when all do; parts that are called learned ask for more than the paper "
-    "claims, and do not count."
-)
-
-MAIN_FIGURES = "The first figure has the parts of the paper's own, the second shows moments of single runs."
-
-LOOK_CLOSER = "Runs step by step, maps point by point"
-
-MORE_FIGURES = (
-    "The figures show affordance maps of more members and context sizes where there are any, the worlds, where "
-    "exploration has been, and how runs ended."
-)
-
-STEPS = (
-    "Validation losses of single steps by what happens in them, at the end of training: the median step and the mean "
-    "of all steps, medians over members. A step that neither begins nor ends in fog is free, or touches a surface at "
-    "its end. Every step that enters fog, is inside of it or leaves it has noise on its change of position, which "
-    "costs some nats however well it is predicted. A model that is sure of a free step and enters fog instead is "
-    "surprised by hundreds of nats; so a few steps can decide the mean loss."
-)
-
-HALO = (
-    "The halo of fog: the share of places outside of it that models take for fog. There a step that begins at rest "
-    f"with closed throttles has a predicted deviation above {UNCERTAIN:g} u, and really none; means over members. "
-    "Planners keep away from such places as they do from fog."
-)
-
-BASELINES = (
-    "These agents fly the same runs, from the same starts to the same goals. The oracle plans as the others do, but "
-    "with the true physics in place of the model: where it fails, a better model would not help. “Straight” pushes "
-    "towards the goal whatever is in between, “random” opens its throttles at random: what they reach takes no "
-    "planning."
-)
-
-RANGES = (
-    "The paper prints no result as text; the ticks of its figures' axes are the only numbers. What lies inside them "
-    "is consistent with the paper, not more; a star marks what lies outside. Whether the paper's likelihoods include "
-    "the constant log 2π (1.84 nats for two coordinates) is unknown; ours are the full density."
-)
+DEVIATIONS = Path(__file__).parent / "deviations.md"
+"""Differences from the paper, with placeholders for values of the configuration."""
 
 
-def experiment(results: Results, scores: Sequence[Score], settings: ReportSettings) -> list[Block]:
-    """What was found and what was run: the head of a report."""
-    costs = [[cost.stage, str(cost.folders), number(cost.seconds, 0)] for cost in provenance.costs([results])[0]]
-    return [
-        blocks.heading("Summary"),
-        *([blocks.paragraph(sentences.verdict_count(scores))] if scores else []),
-        blocks.bullets(
-            [
+@dataclass(frozen=True)
+class Content:
+    """Contents of an experiment's page: `{{ name argument }}` stands for the Markdown that the method `name` returns.
+
+    A method returns an empty text if the results have nothing to show.
+    """
+
+    heading: str
+    warning: str | None
+    results: Results
+    scores: Sequence[Score]
+    settings: ReportSettings
+    figures: Collection[str]
+    """Names of all figures, drawn or not."""
+    captions: Mapping[str, str]
+    """Name of a figure -> its caption, for all figures that were drawn."""
+    record: Mapping[str, Any]
+    """Result of `provenance.summarize`, with the command as `report`."""
+    folder: str = "figures"
+    """Folder of the figures, relative to the page."""
+
+    def title(self) -> str:
+        """Title of the experiment."""
+        return escape(self.heading)
+
+    def notice(self) -> str:
+        """A warning to the reader, such as that of a smoke run."""
+        return alert(self.warning)
+
+    def verdicts(self) -> str:
+        """Numbers of claims that hold, do not hold, and are not decided."""
+        return escape(sentences.verdict_count(self.scores)) if self.scores else ""
+
+    def summary(self) -> str:
+        """Main results, one sentence each."""
+        results, settings = self.results, self.settings
+        return bullets(
+            escape(sentence)
+            for sentence in (
                 *sentences.changes(results, settings),
                 *sentences.bounds(results, settings),
                 *sentences.mixtures(results, settings),
                 *sentences.uncrossable(results, settings),
-                *sentences.remarks(scores),
-            ]
-        ),
-        blocks.heading("What was run"),
-        blocks.paragraph(sentences.setting(results)),
-        blocks.table(["Stage", "Folders", "Seconds in total, all attempts together"], costs),
-    ]
-
-
-def figures(names: Sequence[str], captions: Mapping[str, str], folder: str = "") -> list[Block]:
-    """Those of the figures `names` that were drawn and captioned, in a part of the folder of figures."""
-    return [blocks.figure(f"{folder}{name}", captions[name]) for name in names if name in captions]
-
-
-def tests(scores: Sequence[Score], results: Results) -> list[Block]:
-    """The claims and what the tests say about them; nothing where the paper claims nothing."""
-    if not scores:
-        return []
-    return [
-        blocks.heading("The paper's claims"),
-        blocks.bullets([*sentences.findings(scores), sentences.spikes(results)]),
-        blocks.paragraph(RULE),
-        blocks.claims(claim_rows(scores)),
-    ]
-
-
-def medians(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
-    """The middle of each setting's results beside the paper's axes."""
-    own = _own_factor(results)
-    rest = [factor for factor in (PLANNER, LAYOUT, own) if factor and factor != results.x]
-    values = [name_of(results.x, value, settings) for value in results.x_values]
-    axes = ["Paper's axis"] if settings.axes else []
-    header = ["", *(factor.label.capitalize() for factor in rest), "Values", *values, *axes]
-    title = "Medians and means" if settings.outcome == "success" else "Medians"
-    if settings.axes:
-        title = (
-            "Medians, means and the paper's axes" if settings.outcome == "success" else "Medians and the paper's axes"
+                *sentences.remarks(self.scores),
+            )
         )
-    return [blocks.heading(title, level), blocks.table(header, _median_rows(results, settings))]
+
+    def setting(self) -> str:
+        """Context sizes, members, epochs, layouts and costs."""
+        return escape(sentences.setting(self.results))
+
+    def costs(self) -> str:
+        """Number of folders and seconds of each kind of stage."""
+        (costs,) = provenance.costs([self.results])
+        rows = [[cost.stage, str(cost.folders), number(cost.seconds, 0)] for cost in costs]
+        return text_table(["Stage", "Folders", "Seconds in total, all attempts together"], rows)
+
+    def findings(self) -> str:
+        """Claims with their verdicts and effects, one sentence each."""
+        return bullets(map(escape, sentences.findings(self.scores)))
+
+    def spikes(self) -> str:
+        """Frequency of spikes in the validation losses."""
+        return escape(sentences.spikes(self.results))
+
+    def level(self) -> str:
+        """Level of significance of the tests."""
+        return f"{LEVEL}"
+
+    def claims(self) -> str:
+        """Table of the claims, their parts, tests and verdicts."""
+        return claims_table(claim_rows(self.scores)) if self.scores else ""
+
+    def figure(self, name: str) -> str:
+        """Figure with its caption."""
+        if name not in self.figures:
+            raise ConfigError(f"there is no figure {name!r}; there are: {', '.join(sorted(self.figures))}.")
+        if name not in self.captions:
+            return ""
+        return f"![{name}]({self.folder}/{name}.png)\n\n*{escape(self.captions[name])}*"
+
+    def player(self) -> str:
+        """Place of the player of runs, in HTML only."""
+        return "<!-- player -->"
+
+    def explorer(self) -> str:
+        """Place of the explorer of affordance maps, in HTML only."""
+        return "<!-- explorer -->"
+
+    def medians(self) -> str:
+        """Medians and means of each setting beside the paper's axes; values outside the axes are starred."""
+        results, settings = self.results, self.settings
+        others = _other_factors(results)
+        values = [name_of(results.x, value, settings) for value in results.x_values]
+        axes = ["Paper's axis"] if settings.axes else []
+        heads = ["", *(factor.label.capitalize() for factor in others), "Values", *values, *axes]
+        return text_table(heads, _median_rows(results, settings, others))
+
+    def axes(self) -> str:
+        """Explanation of the paper's axes; empty if these are not known."""
+        return escape(sentences.AXES) if self.settings.axes else ""
+
+    def steps(self) -> str:
+        """Validation losses by kind of step, at the end of training."""
+        results, settings = self.results, self.settings
+        factor = results.training_factor
+        others = [column for column in results.trainings if column != factor.column]
+        steps = results.steps
+        last = steps[steps["epoch"] == steps.groupby(results.trainings)["epoch"].transform("max")]
+        values = list(dict.fromkeys(last[factor.column]))
+        keys = [*(column for column in others if last[column].nunique() > 1), "world", "kind"]
+        if last["world"].nunique() == 2:  # one world, and the same steps as "everywhere"
+            last = last[last["world"] == EVERYWHERE]
+            keys.remove("world")
+        labels = {factor.column: factor.label for factor in (results.x, results.color)}
+        rows = []
+        for names, group in last.groupby(keys, sort=False):
+            centers = group.groupby(factor.column)[["median", "mean"]].median().reindex(values)
+            cells = [f"{number(row['median'])}, {number(row['mean'])}" for _, row in centers.iterrows()]
+            rows.append([*(readable(str(name), settings) for name in names), span(group["steps"]), *cells])
+        heads = [
+            *(labels.get(key, key).capitalize() for key in keys),
+            "Steps",
+            *(name_of(factor, value, settings) for value in values),
+        ]
+        return text_table(heads, rows)
+
+    def uncertain(self) -> str:
+        """Predicted standard deviation above which a position counts as mistaken for fog, u."""
+        return f"{UNCERTAIN:g}"
+
+    def halo(self) -> str:
+        """Share of positions outside fog that models mistake for fog, by context size; empty if maps show no fog."""
+        results = self.results
+        settings = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
+        layouts = {size: results.map_layout(setting) for size, setting in settings.items()}
+        if not any(circle.effect == "fog" for layout in layouts.values() for circle in layout.circles):
+            return ""
+        rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]
+        for size, setting in settings.items():
+            place = results.deviations(setting), layouts[size], results.vehicle_radius(setting)
+            for row, shares in zip(rows, (halo(*place), beyond(*place)), strict=True):
+                row.append(f"{np.mean(shares):.0%}")
+        return text_table(["Places", *(CONTEXT_SIZE.format(size) for size in settings)], rows)
+
+    def baselines(self) -> str:
+        """Results of agents without a learned model on the same runs; empty if there are none."""
+        runs, settings = self.results.baseline_runs, self.settings
+        if runs.empty:
+            return ""
+        metrics = list(dict.fromkeys(["prediction_error", settings.outcome, "reached", "steps_touching"]))
+        heads = [f"{scores.statistic(metric)} {METRICS[metric].name} ({METRICS[metric].unit})" for metric in metrics]
+        rows = [
+            [str(agent), readable(str(layout), settings), str(len(group))]
+            + [number(scores.center(group[metric], metric)) for metric in metrics]
+            for (agent, layout), group in runs.groupby([PLANNER.column, LAYOUT.column], sort=False)
+        ]
+        return text_table(["Agent", "Layout", "Runs", *heads], rows)
+
+    def deviations(self) -> str:
+        """Deviations from the paper, with reasons."""
+        return deviations([self.results])
+
+    def origins(self) -> str:
+        """Command, commit, versions and machine."""
+        return origins([self.record], self.record["report"])
+
+    def stages(self) -> str:
+        """Table of all stages behind the results."""
+        factors = [self.results.x, self.results.color]
+        rows = [
+            [
+                stage["stage"],
+                stage["digest"][:12],
+                str(stage["started"]),
+                number(stage["seconds"], 0),
+                provenance.setting_of(stage["differs"], factors),
+            ]
+            for stage in self.record["stages"]
+        ]
+        return text_table(["Stage", "Digest", "Started", "Seconds", "Setting"], rows)
 
 
-def predictions(results: Results, settings: ReportSettings) -> list[Block]:
-    """Validation losses by kind of step, and the places outside of fog that models take for fog."""
-    table = results.steps
-    factor = results.training_factor
-    others = [column for column in results.trainings if column != factor.column]
-    last = table[table["epoch"] == table.groupby(results.trainings)["epoch"].transform("max")]
-    values = list(dict.fromkeys(last[factor.column]))
-    keys = [*(column for column in others if last[column].nunique() > 1), "world", "kind"]
-    if last["world"].nunique() == 2:  # a world, and all of it
-        last = last[last["world"] == EVERYWHERE]
-        keys.remove("world")
-    rows = []
-    for names, group in last.groupby(keys, sort=False):
-        centers = group.groupby(factor.column)[["median", "mean"]].median().reindex(values)
-        cells = [f"{number(row['median'])}, {number(row['mean'])}" for _, row in centers.iterrows()]
-        rows.append([*(readable(str(name), settings) for name in names), span(group["steps"]), *cells])
-    heads = [*(key.capitalize() for key in keys), "Steps", *(name_of(factor, value, settings) for value in values)]
-    return [
-        blocks.heading("What the models predict"),
-        blocks.paragraph(STEPS),
-        blocks.table(heads, rows),
-        *_halo(results, settings),
-    ]
+def alert(warning: str | None) -> str:
+    """Paragraph that stands out, empty without a warning."""
+    return f"**{escape(warning)}**" if warning else ""
 
 
-def _halo(results: Results, settings: ReportSettings) -> list[Block]:
-    """How many places outside fog are taken for fog, by context size; nothing where maps show no fog."""
-    painted = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
-    worlds = {size: results.map_world(setting) for size, setting in painted.items()}
-    if not any(circle.effect == "fog" for world in worlds.values() for circle in world.circles):
-        return []
-    rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]
-    for size, setting in painted.items():
-        place = results.deviations(setting), worlds[size], results.vehicle_radius(setting)
-        for row, shares in zip(rows, (halo(*place), beyond(*place)), strict=True):
-            row.append(f"{np.mean(shares):.0%}")
-    return [
-        blocks.paragraph(HALO),
-        blocks.table(["Places", *(CONTEXT_SIZE.format(size) for size in painted)], rows),
-    ]
+def deviations(reports: Sequence[Results]) -> str:
+    """List of deviations from the paper, with reasons."""
+    return bullets(f"**{title}** {text}" for title, text in provenance.fill(DEVIATIONS.read_text("utf-8"), reports))
 
 
-def baselines(results: Results, settings: ReportSettings, level: int = 1) -> list[Block]:
-    """What agents without a learned model reach in the same runs; nothing where there are none."""
-    runs = results.baseline_runs
-    if runs.empty:
-        return []
-    metrics = list(dict.fromkeys(["prediction_error", settings.outcome, "reached", "steps_touching"]))
-    heads = [f"{scores.statistic(metric)} {METRICS[metric].name} ({METRICS[metric].unit})" for metric in metrics]
-    rows = [
-        [str(agent), readable(str(layout), settings), str(len(group))]
-        + [number(scores.center(group[metric], metric)) for metric in metrics]
-        for (agent, layout), group in runs.groupby([PLANNER.column, LAYOUT.column], sort=False)
-    ]
-    return [
-        blocks.heading("Agents without a learned model", level),
-        blocks.paragraph(BASELINES),
-        blocks.table(["Agent", "Layout", "Runs", *heads], rows),
-    ]
+def origins(records: Sequence[Mapping[str, Any]], command: str) -> str:
+    """List of the command, commits, versions and machines behind some results, each value once.
 
-
-def _own_factor(results: Results) -> Factor | None:
-    """The factor that colours tell apart where it is neither planner, nor layout."""
-    return None if results.color in (PLANNER, LAYOUT) else results.color
-
-
-def _median_rows(results: Results, settings: ReportSettings) -> list[list[str]]:
-    """One row per metric, planner and layout, one column per x value; a star where it is outside the paper's axis."""
-    table = scores.centers(results, settings)
-    outside = table["paper_low"].notna() & ~table["inside"].fillna(True).astype(bool) & table["center"].notna()
-    table["shown"] = table["center"].map(number) + outside.map({True: " *", False: ""})
-    own = _own_factor(results)
-    rest = [factor for factor in (PLANNER, LAYOUT, own) if factor and factor != results.x]
-    keys = [factor.column for factor in rest]
-    table = table.astype(dict.fromkeys(keys, object)).fillna(dict.fromkeys(keys, ""))
-    rows = []
-    for _, group in table.groupby(["metric", *keys], sort=False):
-        first = group.iloc[0]
-        label = f"{first['statistic']} {METRICS[first['metric']].name} ({first['unit']})"
-        known = group[results.x.column].notna() & (group[results.x.column] != "")
-        if known.all():
-            centers = [*group.set_index(results.x.column)["shown"].reindex(results.x_values, fill_value=NOTHING)]
-        else:  # of trainings that all of the x axis shares
-            centers = [first["shown"]] * len(results.x_values)
-        values = [name_of(f, first[f.column], settings) if first[f.column] != "" else NOTHING for f in rest]
-        axis = []
-        if settings.axes:
-            low, high = (number(first[key], 1) for key in ("paper_low", "paper_high"))
-            axis = [f"{low} to {high}" if group["paper_low"].notna().all() else NOTHING]
-        rows.append([label, *values, span(group["number"]), *centers, *axis])
-    return rows
+    Args:
+        records: results of `provenance.summarize`.
+        command: the command that makes the report.
+    """
+    lines = [("Command", command)]
+    for name in ("git", "versions", "machine"):
+        values = provenance.distinct([value for record in records for value in record[name]])
+        lines += [(name.capitalize(), _plain(value)) for value in values]
+    return bullets(f"**{name}:** {escape(text)}" for name, text in lines)
 
 
 def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
-    """One row per claim, or per part followed by the whole where a claim has several."""
+    """One row per claim, or per part followed by the whole where a claim has several; all cells are text."""
     rows = []
     for item in scores:
         several = len(item.parts) > 1
@@ -240,35 +259,62 @@ def claim_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
     return rows
 
 
+_HEADS = {
+    "name": "claim",
+    "statement": "statement",
+    "effect": "effect [95 % interval]",
+    "p": "p",
+    "opposite": "p opposite",
+    "verdict": "verdict",
+}
+
+
+def claims_table(rows: Sequence[Mapping[str, str]]) -> str:
+    """Rows of claims, as `claim_rows` makes them, as a Markdown table with details in italics."""
+    marked = [{key: escape(text) for key, text in row.items()} for row in rows]
+    for row in marked:
+        row["name"] = f"**{row['name']}**"
+        row["statement"] += f" *{row['detail']}*" if row["detail"] else ""
+    return table(list(_HEADS.values()), _cells(marked))
+
+
 def claims_markdown(rows: Sequence[Mapping[str, str]]) -> str:
-    """Rows of claims, as `claim_rows` makes them, as a Markdown table."""
-    heads = ["claim", "statement", "effect [95 % interval]", "p", "p opposite", "verdict"]
-    keys = ("name", "statement", "effect", "p", "opposite", "verdict")
-    return build.markdown_table(heads, [[row[key] for key in keys] for row in rows])
+    """Rows of claims as a Markdown table without details, for the file `claims.md`."""
+    return table(list(_HEADS.values()), _cells(rows))
 
 
-def origins(records: Sequence[Mapping[str, Any]], command: str) -> Block:
-    """Where results come from, out of what `provenance.summarize` returned; each value once."""
-    lines = [("Command:", command)]
-    for name in ("git", "versions", "machine"):
-        values = provenance.distinct([value for record in records for value in record[name]])
-        lines += [(f"{name.capitalize()}:", _plain(value)) for value in values]
-    return blocks.points(lines)
+def _cells(rows: Sequence[Mapping[str, str]]) -> list[list[str]]:
+    return [[row[key] for key in _HEADS] for row in rows]
 
 
-def stages(record: Mapping[str, Any], factors: Sequence[Factor] = ()) -> Block:
-    """Every stage that results come from, out of what `provenance.summarize` returned; with its values of factors."""
-    rows = [
-        [
-            stage["stage"],
-            stage["digest"][:12],
-            str(stage["started"]),
-            number(stage["seconds"], 0),
-            provenance.setting_of(stage["differs"], factors),
-        ]
-        for stage in record["stages"]
-    ]
-    return blocks.table(["Stage", "Digest", "Started", "Seconds", "Setting"], rows, wide=4)
+def _other_factors(results: Results) -> list[Factor]:
+    """Planner, layout and the factor shown by colour, except the one on the x axis."""
+    return [factor for factor in dict.fromkeys((PLANNER, LAYOUT, results.color)) if factor != results.x]
+
+
+def _median_rows(results: Results, settings: ReportSettings, others: Sequence[Factor]) -> list[list[str]]:
+    """One row per metric and values of the other factors, one column per x value."""
+    centers = scores.centers(results, settings)
+    outside = centers["paper_low"].notna() & ~centers["inside"].fillna(True).astype(bool) & centers["center"].notna()
+    centers["cell"] = centers["center"].map(number) + outside.map({True: " *", False: ""})
+    keys = [factor.column for factor in others]
+    centers = centers.astype(dict.fromkeys(keys, object)).fillna(dict.fromkeys(keys, ""))
+    rows = []
+    for _, group in centers.groupby(["metric", *keys], sort=False):
+        first = group.iloc[0]
+        label = f"{first['statistic']} {METRICS[first['metric']].name} ({first['unit']})"
+        by_x = group[results.x.column].notna() & (group[results.x.column] != "")
+        if by_x.all():
+            cells = [*group.set_index(results.x.column)["cell"].reindex(results.x_values, fill_value=NOTHING)]
+        else:  # of trainings that all of the x axis shares
+            cells = [first["cell"]] * len(results.x_values)
+        values = [name_of(f, first[f.column], settings) if first[f.column] != "" else NOTHING for f in others]
+        axis = []
+        if settings.axes:
+            low, high = (number(first[key], 1) for key in ("paper_low", "paper_high"))
+            axis = [f"{low} to {high}" if group["paper_low"].notna().all() else NOTHING]
+        rows.append([label, *values, span(group["number"]), *cells, *axis])
+    return rows
 
 
 def _plain(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""The report of an experiment: what it is made of. `sections` writes it, from completed stages.
+"""The report of an experiment, made from completed stages: tables, figures and a page.
 
 The same stages give the same bytes.
 """
@@ -9,14 +9,33 @@ from pathlib import Path
 from typing import Any
 
 from affmap.results import provenance
-from affmap.results.claims import Claim
+from affmap.results.claims import Claim, Score
 from affmap.results.setting import ReportSettings
-from affmap.results.tables import Results
+from affmap.results.tables import Results, write_csv, write_runs
+
+_HERE = Path(__file__).parent
+
+PARTS = _HERE / "parts"
+"""Folder of the texts that any page may include."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """An experiment's own claims, texts and figures; the default is for experiments without a folder of their own."""
+
+    claims: Sequence[Claim] = ()
+    """Claims that are tested."""
+    page: Path = _HERE / "page.md"
+    """The page, see `affmap.report.markdown`."""
+    folders: Sequence[Path] = (PARTS,)
+    """Folders of the texts that the page includes, searched in this order."""
+    figures: Sequence[str] = ("affmap.report.figures",)
+    """Packages of the figures, see `affmap.report.figures`."""
 
 
 @dataclass(frozen=True)
 class ExperimentReport:
-    """The report of an experiment: PDF, HTML, figures and tables.
+    """The report of an experiment: Markdown, PDF, HTML, figures and tables.
 
     Raises:
         ConfigError: settings differ in more than two keys.
@@ -25,22 +44,22 @@ class ExperimentReport:
     output: Path
     results: Results
     settings: ReportSettings
-    claims: Sequence[Claim]
-    """The paper's claims about the experiment; empty where it has none."""
+    room: Room
+    """The experiment's own claims, page and figures."""
     name: str
     """Name of the experiment."""
     title: str
     command: str
-    """The command line that gives this report."""
+    """Command line that makes this report."""
     notice: str | None
-    """A warning to the reader on every figure and page, such as that of a smoke run; or None."""
+    """Warning on every figure and page, such as that of a smoke run; or None."""
 
     def __post_init__(self) -> None:
         self.results.check_factors()  # before anything is written
 
     @property
     def record(self) -> dict[str, Any]:
-        """See `build.Report`."""
+        """Settings and provenance of the report, see `build.Report`."""
         return {
             "name": self.name,
             "title": self.title,
@@ -56,7 +75,36 @@ class ExperimentReport:
         return self.output / "report.pdf"
 
     def draw(self) -> None:
-        """See `build.Report`."""
-        from affmap.report import sections  # drawing takes seconds to import
+        """Write tables, figures and page, see `build.Report`."""
+        from affmap.report import figures, page  # drawing takes seconds to import
+        from affmap.report.content import Content
+        from affmap.report.explorer.maps import explorer
+        from affmap.report.markdown import fill
+        from affmap.report.player.runs import player
+        from affmap.results.scores import score
 
-        sections.write(self)
+        results, settings = self.results, self.settings
+        scores = score(results, self.room.claims)
+        self._write_tables(scores)
+        drawn = figures.draw_all(self.room.figures, results, settings, self.output / "figures", self.notice)
+        known = figures.figures_of(*self.room.figures)
+        content = Content(self.title, self.notice, results, scores, settings, known, drawn, self.record)
+        widgets = {"player": player(results, settings), "explorer": explorer(results, settings)}
+        text = fill(self.room.page, content, self.room.folders)
+        page.write(self.output, text, self.notice, {name: widget for name, widget in widgets.items() if widget})
+
+    def _write_tables(self, scores: Sequence[Score]) -> None:
+        from affmap.report.build import write_text
+        from affmap.report.content import claim_rows, claims_markdown
+        from affmap.results.scores import as_table, medians
+
+        folder, results = self.output / "tables", self.results
+        write_runs(folder, self.name, results.runs)
+        write_csv(folder / "validation.csv", results.validation)
+        write_csv(folder / "steps.csv", results.steps)
+        if results.baselines:
+            write_csv(folder / "baselines.csv", results.baseline_runs)
+        write_csv(folder / "medians.csv", medians(results, self.settings))
+        if scores:
+            write_csv(folder / "claims.csv", as_table(scores))
+            write_text(folder / "claims.md", claims_markdown(claim_rows(scores)))

@@ -1,6 +1,6 @@
-"""Arrays as short texts, for the page, whose `player/parts.js` unpacks them: what is only shown needs few digits.
+"""Arrays as short texts for the HTML page, unpacked by `player/parts.js`: displayed values need few digits.
 
-All is little endian, in the order of rows, and base64.
+Little endian, row-major, base64.
 """
 
 import base64
@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 LARGEST = 2**15 - 1
 MISSING = -(2**15)
-"""Stands for what is no finite number."""
+"""Stands for a value that is not finite."""
 
 Packed = dict[str, Any]
 
 
 def pack(values: NDArray[np.floating], finest: float) -> Packed:
-    """Numbers as whole multiples of a step, in 16 bits each.
+    """Pack numbers as integer multiples of a step, 16 bits each.
 
     Args:
         values: of any shape.
-        finest: the step, in the unit of the values; larger where the largest of them would not fit.
+        finest: the step, in the unit of the values; it is enlarged if the largest value would not fit.
 
     Returns:
         `shape`, `step` and `data`; a number times the step is at most half a step from its value.
@@ -34,7 +34,7 @@ def pack(values: NDArray[np.floating], finest: float) -> Packed:
 
 
 def pack_bits(values: NDArray[np.bool_]) -> Packed:
-    """Truth values, eight a byte, the first one in the highest bit: `shape` and `data`."""
+    """Pack truth values, eight per byte, the first in the highest bit: `shape` and `data`."""
     return {"shape": list(values.shape), "data": _text(np.packbits(values))}
 
 

@@ -21,17 +21,17 @@ class Painted(NamedTuple):
     maps: Maps
     world: Layout
     radius: float
-    """Of the vehicle, u."""
+    """Radius of the vehicle, u."""
 
 
 def map_size(results: Results) -> int | None:
-    """The context size whose maps are shown: the paper's, else the largest; None where there are no codes."""
+    """Context size of the maps in a report: the paper's, else the largest; None without codes."""
     sizes = [size for size in results.context_sizes if size > 0]
     return PAPER_SIZE if PAPER_SIZE in sizes else max(sizes, default=None)
 
 
-def painted(results: Results, size: int) -> list[Painted]:
-    """All maps of a context size, once each, in the order of the layouts."""
+def maps_of_size(results: Results, size: int) -> list[Painted]:
+    """Maps of a context size, once each, in the order of the layouts."""
     settings = [
         each for layout in results.layouts for each in results.where({CONTEXT_SIZE.key: size, LAYOUT.key: layout})
     ]
@@ -39,12 +39,13 @@ def painted(results: Results, size: int) -> list[Painted]:
 
 
 def read_painted(results: Results, setting: Setting) -> Painted:
-    maps, world = results.read_maps(setting), results.map_world(setting)
+    """Read the maps of a setting."""
+    maps, world = results.read_maps(setting), results.map_layout(setting)
     return Painted(setting, maps, world, results.vehicle_radius(setting))
 
 
 def first_settings(settings: Iterable[Setting], field: str) -> list[Setting]:
-    """The first setting of each value of a field, such as the folder of a stage."""
+    """First setting of each value of a field, such as the folder of a stage."""
     first: dict[Any, Setting] = {}
     for setting in settings:
         first.setdefault(getattr(setting, field), setting)
@@ -52,12 +53,12 @@ def first_settings(settings: Iterable[Setting], field: str) -> list[Setting]:
 
 
 def several_worlds(results: Results) -> list[Painted]:
-    """Maps of the worlds that the same models are shown in, those that they were not trained in first; else none."""
+    """Maps of the same models in several worlds, worlds that they were not trained in first; empty for one world."""
     size = map_size(results)
-    shown = painted(results, size) if size else []
-    if len({part.setting.train for part in shown}) == len(shown) or len({part.world for part in shown}) < len(shown):
+    parts = maps_of_size(results, size) if size else []
+    if len({part.setting.train for part in parts}) == len(parts) or len({part.world for part in parts}) < len(parts):
         return []
-    return sorted(shown, key=lambda part: part.world in results.training_worlds(part.setting))
+    return sorted(parts, key=lambda part: part.world in results.training_layouts(part.setting))
 
 
 def paint(parts: list[Painted], index: int) -> list[Floats]:
@@ -77,10 +78,10 @@ def of_part(
     settings: ReportSettings,
     factors: Sequence[Factor] | None = None,
 ) -> str:
-    """The names of the values that tell a map from the others, after a colon; empty for a single one."""
-    told = [
+    """Names of the values that distinguish a map from the others, after a colon; empty for a single map."""
+    names = [
         name_of(factor, part.setting.values[factor.key], settings)
         for factor in factors or dict.fromkeys([LAYOUT, results.color, results.x])
         if len({each.setting.values[factor.key] for each in parts}) > 1
     ]
-    return f": {', '.join(told)}" if told else ""
+    return f": {', '.join(names)}" if names else ""

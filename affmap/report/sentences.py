@@ -1,4 +1,4 @@
-"""A report's sentences. What states a result is made from the results: no verdict and no number is written here."""
+"""Sentences of a report, generated from the results: no verdict and no number is written here."""
 
 from collections.abc import Sequence
 
@@ -7,23 +7,29 @@ import numpy as np
 from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score
-from affmap.results.metrics import METRICS, success
-from affmap.results.numbers import NOTHING, listed, number, span
+from affmap.results.metrics import METRICS
+from affmap.results.numbers import NOTHING, counted, listed, number, span
 from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
 from affmap.results.statistics import Outcome, Verdict
-from affmap.results.tables import Results
+from affmap.results.tables import Results, read_runs
+
+AXES = (
+    "The paper reports its results as figures only; the ticks of their axes are the only numbers. Values within an "
+    "axis are consistent with the paper, no more; values outside are starred. It is unknown whether the paper's "
+    "likelihoods include the constant log 2π (1.84 nats for two coordinates); ours do."
+)
 
 _COUNTS = {
     Verdict.HOLDS: ("holds", "hold"),
     Verdict.DOES_NOT_HOLD: ("does not hold", "do not hold"),
     Verdict.NOT_DECIDED: ("is not decided", "are not decided"),
 }
-"""What one claim does, and what several do."""
+"""Verdict -> verb phrase for one claim, and for several."""
 
 
 def effect(outcome: Outcome, unit: str) -> str:
-    """An effect with its interval and unit."""
+    """Effect with its interval and unit."""
     if outcome.effect is None:
         return NOTHING
     digits = 4 if unit == "ratio" else 2 if abs(outcome.effect) < 1000 else 0
@@ -31,28 +37,17 @@ def effect(outcome: Outcome, unit: str) -> str:
     return f"{size} {unit}" if outcome.low is None else f"{size} [{', '.join(ends)}] {unit}"
 
 
-def _by_verdict(scores: Sequence[Score]) -> dict[Verdict, list[str]]:
-    """Verdict -> names of the claims that have it."""
-    return {verdict: [score.claim.name for score in scores if score.verdict == verdict] for verdict in _COUNTS}
-
-
-def verdicts(scores: Sequence[Score]) -> str:
-    """Which claims hold, which do not, and which are not decided; what there is none of is left out."""
-    found = _by_verdict(scores).items()
-    return "; ".join(f"{', '.join(names)} {_COUNTS[verdict][len(names) > 1]}" for verdict, names in found if names)
-
-
-def verdict_count(scores: Sequence[Score], about: str = "this experiment") -> str:
-    """How many claims hold, do not hold, and are not decided, with their names."""
-    words = []
-    for verdict, names in _by_verdict(scores).items():
-        shown = f" ({', '.join(names)})" if names else ""
-        words.append(f"{len(names) or 'none'} {_COUNTS[verdict][len(names) > 1]}{shown}")
-    return f"Of the paper's {len(scores)} claims about {about}, {words[0]}, {words[1]}, and {words[2]}."
+def verdict_count(scores: Sequence[Score]) -> str:
+    """Numbers and names of the claims with each verdict; verdicts without a claim are left out."""
+    parts = []
+    for verdict, verbs in _COUNTS.items():
+        if names := [score.claim.name for score in scores if score.verdict == verdict]:
+            parts.append(f"{len(names)} {verbs[len(names) > 1]} ({', '.join(names)})")
+    return f"Of {counted(len(scores), 'claim')}, {listed(parts)}."
 
 
 def changes(results: Results, settings: ReportSettings) -> list[str]:
-    """Typical values at either end of the x axis, a sentence per metric and value that colours tell apart."""
+    """Typical values at either end of the x axis, one sentence per metric and value shown by colour."""
     sentences = []
     for metric in ("validation_nll", "prediction_error", settings.outcome):
         trained = metric == "validation_nll"
@@ -76,7 +71,7 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
 
 
 def bounds(results: Results, settings: ReportSettings) -> list[str]:
-    """What agents without a learned model reach, a sentence for each."""
+    """Results of agents without a learned model, one sentence each."""
     runs, metric = results.baseline_runs, settings.outcome
     sentences = []
     for agent, of_agent in runs.groupby(PLANNER.column, sort=False):
@@ -90,18 +85,17 @@ def bounds(results: Results, settings: ReportSettings) -> list[str]:
 
 
 def findings(scores: Sequence[Score]) -> list[str]:
-    """What the tests say, a sentence per claim."""
+    """Verdicts of the tests with their effects, one sentence per claim."""
     sentences = []
     for score in scores:
         parts = [part for part in score.parts if part.outcome.effect is not None]
         effects = "; ".join(f"{part.name} {effect(part.outcome, part.unit)}".strip() for part in parts)
-        verb = _COUNTS[score.verdict][0]
-        sentences.append(f"{score.claim.name} {verb}: {score.claim.statement} ({effects or NOTHING})")
+        sentences.append(f"{score.claim.name}, {score.verdict}: “{score.claim.statement}” ({effects or NOTHING})")
     return sentences
 
 
 def spikes(results: Results, height: float = 2.0) -> str:
-    """How smooth the curves are: member-epochs whose validation loss stands out from their neighbours'."""
+    """Number of spikes in the curves: member-epochs whose validation loss exceeds that of their neighbours."""
     training = results.trainings
     table = results.validation.sort_values([*training, "member", "epoch"])
     around = table.groupby([*training, "member"])["validation_nll"].transform(
@@ -117,7 +111,7 @@ def spikes(results: Results, height: float = 2.0) -> str:
 
 
 def uncrossable(results: Results, settings: ReportSettings) -> list[str]:
-    """How many runs have a world without a way through, where there are any."""
+    """Number of runs in worlds without a passable route; empty if there are none."""
     blocked = results.runs[~results.runs["crossable"].astype(bool)]
     if blocked.empty:
         return []
@@ -125,31 +119,31 @@ def uncrossable(results: Results, settings: ReportSettings) -> list[str]:
     named = [f"{int(counts[layout])} ({readable(layout, settings)})" for layout in results.layouts if counts[layout]]
     share = blocked["success"].astype(bool).mean()
     return [
-        f"In {listed(named)} of {len(results.runs)} runs the world has no way from start to goal on which the vehicle "
-        "can steer freely past obstacles and fog and against the force fields. These runs are part of every number "
-        f"here, as successes or failures like all others; {share:.0%} of them succeed (a vehicle may be carried "
-        "through a field)."
+        f"In {listed(named)} of {len(results.runs)} runs the world has no route from start to goal along which the "
+        "vehicle can steer freely past obstacles and fog and against force fields. These runs are included in all "
+        f"numbers, as successes or failures like all others; {share:.0%} of them succeed (a force field may carry the "
+        "vehicle through)."
     ]
 
 
 def mixtures(results: Results, settings: ReportSettings) -> list[str]:
-    """Which properties worlds have that are drawn at random, a sentence for each such layout.
+    """Properties of the worlds that are drawn at random, one sentence per layout.
 
-    Without fog a run succeeds by arriving, so what success is where there is fog is said, too.
+    Without fog a run succeeds by arriving, so the success in worlds with fog is reported separately.
     """
     sentences = []
     for layout in results.layouts:
-        flown = results.where({LAYOUT.key: layout})
-        last = max(flown, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
-        worlds = results.worlds(last)
-        if len(set(worlds)) == 1:
+        settings_of_layout = results.where({LAYOUT.key: layout})
+        last = max(settings_of_layout, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
+        worlds = results.run_layouts(last)
+        if not results.has_own_layouts(last):
             continue
         effects = [{circle.effect for circle in world.circles} - {"none"} for world in worlds]
         every = set().union(*effects)
         parts = [f"{sum(each == every for each in effects)} have all {len(every)} properties"]
         foggy = np.array(["fog" in each for each in effects])
         if 0 < foggy.sum() < len(foggy):
-            share = success(results.trajectories(last))[foggy].mean()
+            share = read_runs(last)["success"].to_numpy()[foggy].mean()
             at = name_of(results.x, last.values[results.x.key], settings)
             parts.append(f"{(~foggy).sum()} have no fog (in the others {number(share)} of the runs at {at} succeed)")
         sentences.append(f"Of the {len(worlds)} random worlds “{readable(layout, settings)}” {listed(parts)}.")
@@ -157,16 +151,16 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
 
 
 def remarks(scores: Sequence[Score]) -> list[str]:
-    """What must be said beside verdicts, once each."""
-    named: dict[str, list[str]] = {}
+    """Remarks on verdicts, each with the claims that it concerns."""
+    claims: dict[str, list[str]] = {}
     for score in scores:
         if score.claim.remark:
-            named.setdefault(score.claim.remark, []).append(score.claim.name)
-    return [f"On {listed(names)}: {remark}." for remark, names in named.items()]
+            claims.setdefault(score.claim.remark, []).append(score.claim.name)
+    return [f"On {listed(names)}: {remark}." for remark, names in claims.items()]
 
 
 def setting(results: Results) -> str:
-    """What was run."""
+    """Context sizes, members, epochs, layouts, planners and costs of the experiment."""
     members = results.last_epoch.groupby("context_size")["member"].nunique()
     epochs = span(results.last_epoch["epoch"].unique())
     sizes = ", ".join(map(str, results.context_sizes))
@@ -176,21 +170,19 @@ def setting(results: Results) -> str:
         for factor, values in ((results.x, results.x_values), (results.color, results.color_values))
         if factor not in (CONTEXT_SIZE, PLANNER, LAYOUT)
     ]
-    worlds = dict.fromkeys(world.name for job in results.settings for world in results.training_worlds(job))
+    worlds = dict.fromkeys(world.name for job in results.settings for world in results.training_layouts(job))
     memory = max(record["peak_memory_mib"] for record in results.provenance.values())
     seconds = sum(cost.seconds for cost in provenance.costs([results])[0])
     return (
         f"Context sizes {sizes}; {''.join(others)}{span(members)} members each, trained for {epochs} epochs in "
         f"{_quoted(list(worlds))}; planners: {planners}; {len(results.runs)} runs of control in total, in "
-        f"{_quoted(results.layouts)}. All "
-        "stages together, those shared with other experiments included, took "
-        f"{number(seconds / 60, 1)} process minutes, all attempts together; the largest process used "
-        f"{number(memory, 0)} MiB."
+        f"{_quoted(results.layouts)}. In total, all stages took {number(seconds / 60, 1)} process minutes, including "
+        f"repeated attempts and stages shared with other experiments; the largest process used {number(memory, 0)} MiB."
     )
 
 
 def _planner(kind: str) -> str:
-    """A planner with its method."""
+    """Planner with its method."""
     return f"{short_name(kind)} ({PLANNERS[kind].method})" if kind in PLANNERS else kind
 
 

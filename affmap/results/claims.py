@@ -1,7 +1,7 @@
-"""What a claim is, and the tests of tables that several claims share. Knows no experiment.
+"""Claims and their criteria, and tests of tables that several claims share. Knows no experiment.
 
-A member's score is its mean over its runs; tests are paired by member (`statistics.py`). Where several context sizes
-are averaged, they weigh the same, and only those count that both settings have.
+A member's score is its mean over its runs; tests are paired by member (`statistics.py`). An average over context sizes
+weighs them equally, and takes those only that both settings have.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,6 +17,7 @@ from affmap.results import statistics
 from affmap.results.files import Floats, Maps
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number, p_value
+from affmap.results.setting import CONTEXT_SIZE, Factor
 from affmap.results.statistics import Direction, Order, Outcome, Verdict
 from affmap.results.tables import Results, score_matrix
 
@@ -29,23 +30,23 @@ Contrast = Callable[[Maps, Layout, float], tuple[Floats, Floats]]
 """Two distances `[M]` in affordance maps of a layout, for a vehicle of a radius (u)."""
 
 Test = Callable[[NDArray[np.floating], NDArray[np.floating]], Outcome]
-"""Of two scores `[M]`."""
+"""A test of two scores `[M]`."""
 
 
 class Criterion(NamedTuple):
     """One test of a claim."""
 
     name: str
-    """Empty, or the letter of the part where a claim has several."""
+    """The letter of a part of the claim; empty where a claim has one part."""
     effect_of: str
-    """What the effect is the difference of."""
+    """The difference that is the effect, in words."""
     unit: str
-    """Of the effect; `sd` is a standard deviation of a member's own map."""
+    """Unit of the effect; `sd` is a standard deviation of a member's own map."""
     outcome: Outcome
     statement: str = ""
-    """What this part says where a claim has several."""
+    """The statement of this part, where a claim has several."""
     counts: bool = True
-    """Whether the claim's verdict depends on it; what was learned goes beyond what the paper claims, and does not."""
+    """Whether the claim's verdict depends on it; tests of learning go beyond the paper, and do not."""
 
 
 @dataclass(frozen=True)
@@ -56,19 +57,19 @@ class Claim:
     statement: str
     test: Callable[[Results], Sequence[Criterion]]
     remark: str = ""
-    """What readers should know of the verdict, such as a choice that was made after it had been seen."""
+    """A caveat of the verdict, such as a choice made after seeing the results."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """A claim and what its tests say."""
+    """A claim and the outcomes of its tests."""
 
     claim: Claim
     parts: tuple[Criterion, ...]
 
     @property
     def verdict(self) -> Verdict:
-        """Of all parts that count together."""
+        """The verdict of all parts that count."""
         return statistics.conjunction([part.outcome.verdict for part in self.parts if part.counts])
 
 
@@ -76,7 +77,7 @@ class Pair(NamedTuple):
     """Two settings to compare."""
 
     column: str
-    """`planner` or `layout`: what they differ in."""
+    """The column in which they differ: `planner` or `layout`."""
     first: str
     second: str
 
@@ -86,33 +87,39 @@ class Painted(NamedTuple):
 
     context_size: int
     maps: Maps
-    world: Layout
+    layout: Layout
     radius: float
 
 
-def flown(results: Results, layout: str | None = None, planner: str = "cem") -> pd.DataFrame:
+def select_runs(results: Results, layout: str | None = None, planner: str = "cem") -> pd.DataFrame:
     """The runs of a planner, in one layout or all. The paper's Experiments II to V have the evolutionary one only."""
     runs = results.runs[results.runs["planner"] == planner]
     return runs if layout is None else runs[runs["layout"] == layout]
 
 
 def trend(
-    table: pd.DataFrame, metric: str, direction: Direction, who: str, name: str = "", says: str = ""
+    table: pd.DataFrame,
+    metric: str,
+    direction: Direction,
+    who: str,
+    name: str = "",
+    statement: str = "",
+    factor: Factor = CONTEXT_SIZE,
 ) -> Criterion:
-    """Test a trend over the context sizes in `table`; `who` is missing where it is empty."""
+    """Test a trend over the values of a factor in `table`; if it is empty, the note says that `who` was not run."""
     if table.empty:
         outcome = statistics.undecided(TREND, 0, f"{who} was not run")
-        return Criterion(name, "context sizes", METRICS[metric].unit, outcome, says)
-    matrix = score_matrix(table, metric)
-    effect_of = f"C = {matrix.columns[-1]} minus C = {matrix.columns[0]}"
+        return Criterion(name, f"{factor.label}s", METRICS[metric].unit, outcome, statement)
+    matrix = score_matrix(table, metric, [factor.column])
+    effect_of = " minus ".join(factor.format(matrix.columns[end]) for end in (-1, 0))
     outcome = statistics.trend(matrix.to_numpy(), direction, METRICS[metric].statistic)
-    return Criterion(name, effect_of, METRICS[metric].unit, outcome, says)
+    return Criterion(name, effect_of, METRICS[metric].unit, outcome, statement)
 
 
 def paired(table: pd.DataFrame, metric: str, pair: Pair, order: Order) -> Outcome:
     """Test whether the first setting of a pair scores lower (or higher), on average over the context sizes.
 
-    Where there are several sizes, the note has each of them.
+    If there are several sizes, the note has each of them.
     """
     return _with_sizes(table, metric, pair, _test(metric, order))[0]
 
@@ -138,30 +145,30 @@ def loss_falls(results: Results) -> list[Criterion]:
 
 
 def largest_maps(results: Results, layout: str | None = None) -> Painted | None:
-    """The maps of the largest context size of a layout (of the first one where none is given), or None."""
-    painted = results.maps(layout)
-    if not painted:
+    """The maps of the largest context size in a layout (by default the first one), or None if there are none."""
+    maps = results.maps(layout)
+    if not maps:
         return None
-    size = max(painted)
-    job = results.setting(size, layout=layout)
-    assert job is not None  # there are maps of it
-    return Painted(size, painted[size], results.map_world(job), results.vehicle_radius(job))
+    size = max(maps)
+    setting = results.setting(size, layout=layout)
+    assert setting is not None  # it has maps
+    return Painted(size, maps[size], results.map_layout(setting), results.vehicle_radius(setting))
 
 
 def encoded(
     painted: Painted | None, contrast: Contrast, order: Order, name: str, effect_of: str, statement: str
 ) -> list[Criterion]:
-    """Two parts: a contrast between distances in trained maps, and whether it is more than in untrained ones."""
-    size, outcome, learned = 0, NO_CONTEXT, NO_CONTEXT
+    """Test a contrast between distances in trained maps, and whether it is larger than in untrained ones."""
+    size, outcome, learning = 0, NO_CONTEXT, NO_CONTEXT
     if painted is not None:
-        size, maps, world, radius = painted
-        trained, untrained = (contrast(each, world, radius) for each in (maps, maps.untrained))
-        outcome, learned = contrasts(trained, untrained, order)
+        size, maps, layout, radius = painted
+        trained, untrained = (contrast(each, layout, radius) for each in (maps, maps.untrained))
+        outcome, learning = contrasts(trained, untrained, order)
     again = f"{statement.removesuffix('.')}: more so than in the same member's map before training."
     return [
         Criterion(name, f"{effect_of}, C = {size}", "sd", outcome, statement),
         Criterion(
-            f"{name}, learned", "trained minus untrained of the same difference", "sd", learned, again, counts=False
+            f"{name}, learned", "trained minus untrained of the same difference", "sd", learning, again, counts=False
         ),
     ]
 
@@ -171,7 +178,7 @@ def contrasts(
 ) -> tuple[Outcome, Outcome]:
     """Test whether the first distance `[M]` is the lower (or higher) after training, and by more than before it.
 
-    Similar pictures have similar codes in an untrained network, too; only the second test shows what was learned.
+    Similar pictures have similar codes in an untrained network, too; only the second test is about learning.
     """
     if not len(trained[0]):
         return NOWHERE, NOWHERE
@@ -185,7 +192,7 @@ def with_note(outcome: Outcome, notes: Sequence[str]) -> Outcome:
 
 
 def short(outcome: Outcome, unit: str) -> str:
-    """An outcome in a note: effect, p value where there is one, and verdict; its own note where it has no effect."""
+    """An outcome for a note: effect, p value and verdict; its own note if it has no effect."""
     if outcome.effect is None or outcome.low is None:
         return outcome.note
     p = "" if outcome.p is None else f"p {p_value(outcome.p)}, "

@@ -1,4 +1,4 @@
-"""Which runs and moments are shown: chosen by a rule, because the best ones would say little."""
+"""Example runs and moments, chosen by a rule, because the best ones would say little."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -7,18 +7,18 @@ import numpy as np
 import pandas as pd
 
 from affmap.results.files import Trajectories
+from affmap.results.provenance import distinct
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, Value, make_factor
 from affmap.results.tables import Results
 
 
 def example_rule(results: Results) -> str:
     """The rule by which runs and moments are chosen, as part of a sentence."""
-    own = any(len(set(results.worlds(setting))) > 1 for setting in results.settings)
-    richest = " (of those in whose worlds circles do most different things)" if own else ""
-    shown = "context sizes" if results.x == CONTEXT_SIZE else f"values of {results.x.label}"
+    richest = " (of those in whose worlds circles do most different things)" if results.has_own_layouts() else ""
+    values = "context sizes" if results.x == CONTEXT_SIZE else f"values of {results.x.label}"
     return (
         f"the first member, of its runs in a layout{richest} the one whose mean distance to the goal, averaged "
-        f"over the {shown} shown, is the lower median, and the first step at which at most half of the initial "
+        f"over the {values} shown, is the lower median, and the first step at which at most half of the initial "
         "distance is left (where that never happens: the step that comes closest)"
     )
 
@@ -30,7 +30,7 @@ class Example(NamedTuple):
     member: int
     run: int
     problem: int
-    """Its place among the B runs in `paths`."""
+    """Its index among the B runs in `paths`."""
     step: int
     paths: Trajectories
 
@@ -40,21 +40,20 @@ MAX_ROWS = 3
 
 
 def rows(results: Results) -> list[dict[str, Value]]:
-    """The values that the settings of a row of pictures have in common, of the first planner (EB where it was run).
+    """The common values of the settings in each row of pictures, of the first planner (EB where it was run).
 
-    A row is a layout or, where colours tell another key apart, a value of that; the first `MAX_ROWS` of them. The key
-    on the x axis varies within a row.
+    A row is a layout or, where colour shows another key, a value of that; the first `MAX_ROWS` of them. The key on the
+    x axis varies within a row.
     """
     first: dict[str, Value] = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0]}
     key = LAYOUT.key if results.color == PLANNER else results.color.key
     values: Sequence[Value] = results.layouts if key == LAYOUT.key else results.color_values
-    each = [{**first, key: value} for value in values]
-    inside = [{other: value for other, value in row.items() if other != results.x.key} for row in each]
-    return [row for place, row in enumerate(inside) if row not in inside[:place]][:MAX_ROWS]
+    every = [{**first, key: value} for value in values]
+    return distinct([{other: row[other] for other in row if other != results.x.key} for row in every])[:MAX_ROWS]
 
 
 def choose_examples(results: Results, row: Mapping[str, Value]) -> list[Example]:
-    """The runs of a row of `rows` that are shown, by `example_rule`."""
+    """The example runs of a row of `rows`, by `example_rule`."""
     layout = str(row.get(LAYOUT.key, results.layouts[0]))
     run = middle_runs(results, layout)[0]
     ends = _ends(results, layout)
@@ -68,7 +67,7 @@ def choose_examples(results: Results, row: Mapping[str, Value]) -> list[Example]
 
 
 def middle_runs(results: Results, layout: str) -> list[int]:
-    """Numbers of the first member's runs in a layout: the one that `example_rule` chooses, then its next in rank."""
+    """Numbers of the first member's runs in a layout: the one chosen by `example_rule`, then the next in rank."""
     runs = results.runs
     for key, value in _first(results, layout).items():
         runs = runs[runs[make_factor(key).column] == value]
@@ -79,41 +78,41 @@ def middle_runs(results: Results, layout: str) -> list[int]:
 
 
 def _num_effects(results: Results, layout: str) -> dict[int, int]:
-    """Run of the first member -> how many different things the circles of its world do."""
+    """Run of the first member -> number of distinct effects in its layout."""
     setting = results.where(_first(results, layout))[0]
-    paths, worlds = results.trajectories(setting), results.worlds(setting)
-    mine = np.flatnonzero(paths.member == paths.member.min())
-    return {int(paths.run[place]): len({circle.effect for circle in worlds[place].circles}) for place in mine}
+    paths, layouts = results.trajectories(setting), results.run_layouts(setting)
+    indices = np.flatnonzero(paths.member == paths.member.min())
+    return {int(paths.run[index]): len({circle.effect for circle in layouts[index].circles}) for index in indices}
 
 
 def _from_the_middle(distances: "pd.Series[float]") -> list[int]:
-    """Runs, sorted by distance: that of the lower median, then its next in rank."""
+    """Runs sorted by distance -> the lower median run, then the next in rank."""
     away = np.abs(np.arange(len(distances)) - (len(distances) - 1) // 2)
     return [int(distances.index[rank]) for rank in np.argsort(away, kind="stable")]
 
 
 def first_member(paths: Trajectories, run: int) -> tuple[int, int]:
-    """The first member, and the place of one of its runs among the B."""
+    """The first member, and the index of one of its runs among the B."""
     member = int(paths.member.min())
     return member, int(np.flatnonzero((paths.member == member) & (paths.run == run))[0])
 
 
 def half_way(paths: Trajectories, index: int) -> int:
-    """First step with at most half of the initial distance left; where there is none, the closest one."""
+    """The first step with at most half of the initial distance left; the closest one if there is none."""
     steps = paths.planned_position.shape[1]
     distance = np.linalg.norm(paths.position[index, :steps] - paths.goal[index], axis=-1)  # [T]
-    arrived = distance <= distance[0] / 2
-    return int(arrived.argmax() if arrived.any() else distance.argmin())
+    is_half_way = distance <= distance[0] / 2
+    return int(is_half_way.argmax() if is_half_way.any() else distance.argmin())
 
 
 def _first(results: Results, layout: str) -> dict[str, Value]:
-    """The first planner in a layout, but for the key on the x axis."""
+    """The values of the first planner in a layout, without the key on the x axis."""
     values: dict[str, Value] = {PLANNER.key: results.planners[0], LAYOUT.key: layout}
     return {key: value for key, value in values.items() if key != results.x.key}
 
 
 def _ends(results: Results, layout: str) -> list[Value]:
     """The first and the last value on the x axis, of the first planner in a layout."""
-    present = {setting.values[results.x.key] for setting in results.where(_first(results, layout))}
-    values = [value for value in results.x_values if value in present]
+    own = {setting.values[results.x.key] for setting in results.where(_first(results, layout))}
+    values = [value for value in results.x_values if value in own]
     return list(dict.fromkeys([values[0], values[-1]]))

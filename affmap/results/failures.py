@@ -1,4 +1,4 @@
-"""Why runs fail, and where: pure functions of the results."""
+"""Reasons and places of failures: pure functions of the results."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -21,38 +21,36 @@ REASONS = {
     "stuck": "never arrived: stuck",
     "other": "never arrived: other",
 }
-"""Reason -> its name. A run that was in fog counts there, also where it did not arrive."""
-
+"""Reason -> its name. A run that was in fog counts as such, also if it did not arrive."""
 
 SURFACE = "surface"
 
 _TERRAINS = {name: effect.label for name, effect in EFFECTS.items() if name not in ("obstacle", "none")}
 
 NEAREST = {SURFACE: "obstacle or border", **_TERRAINS}
-"""What a vehicle can be nearest to -> its name."""
-
+"""Thing that a vehicle can be nearest to -> its name."""
 
 MANY = 3
 """Counts of acting circles are capped here: it stands for this many or more."""
 
 
 class Places(NamedTuple):
-    """Where runs of one layout went wrong; positions in u. A run may be in both."""
+    """Places where runs of one layout went wrong, in u. A run may be in both."""
 
     fog: Floats
-    """`[F, 2]` where runs were when they first were in fog."""
+    """`[F, 2]` first places in fog."""
     ended: Floats
-    """`[E, 2]` where runs that never arrived were at their end."""
+    """`[E, 2]` last places of runs that never arrived."""
 
 
 def are_of_interest(results: Results) -> bool:
-    """Whether runs can fail for several reasons: there is fog, or a world of its own for each run."""
-    return any(has_fog(results, setting) or len(set(results.worlds(setting))) > 1 for setting in results.settings)
+    """Whether runs can fail for several reasons: there is fog, or each run has a layout of its own."""
+    return results.has_own_layouts() or any(has_fog(results, setting) for setting in results.settings)
 
 
 def has_fog(results: Results, setting: Setting) -> bool:
-    """Whether there is fog where the runs of a setting fly."""
-    return any(circle.effect == "fog" for world in results.worlds(setting) for circle in world.circles)
+    """Whether there is fog in the layouts of a setting's runs."""
+    return any(circle.effect == "fog" for layout in results.run_layouts(setting) for circle in layout.circles)
 
 
 def with_reasons(results: Results) -> pd.DataFrame:
@@ -67,7 +65,7 @@ def with_reasons(results: Results) -> pd.DataFrame:
 
 
 def shares(runs: pd.DataFrame, column: str, kinds: Iterable[str], by: str = CONTEXT_SIZE.column) -> pd.DataFrame:
-    """Share of the runs with each of some values in a column: one row per value of `by`, one column per value."""
+    """Shares of the runs with each of some values in a column: one row per value of `by`, one column per value."""
     counts = runs.groupby(by, sort=False)[column].value_counts(normalize=True).unstack(fill_value=0)
     return counts.reindex(columns=list(kinds), fill_value=0).astype(float)
 
@@ -77,53 +75,53 @@ def with_nearest(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
     tables = []
     for setting in settings:
         paths = results.trajectories(setting)
-        ends = zip(paths.position[:, -1], results.worlds(setting), np.any(paths.reached, axis=1), strict=True)
-        things = ["" if arrived else nearest(position, world) for position, world, arrived in ends]
+        ends = zip(paths.position[:, -1], results.run_layouts(setting), np.any(paths.reached, axis=1), strict=True)
+        things = ["" if arrived else nearest(position, layout) for position, layout, arrived in ends]
         tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], "nearest": things}))
     return pd.concat(tables, ignore_index=True)
 
 
-def nearest(position: Floats, world: Layout) -> str:
-    """What is nearest to a place `[2]` (u), or lies around it deepest: a key of `NEAREST`."""
-    distances = {SURFACE: float(surface_distance(position, world))}
-    for circle in world.circles:
+def nearest(position: Floats, layout: Layout) -> str:
+    """The thing nearest to a place `[2]` (u), or deepest around it: a key of `NEAREST`."""
+    distances = {SURFACE: float(surface_distance(position, layout))}
+    for circle in layout.circles:
         if circle.effect in _TERRAINS:
-            now = float(circle_distance(position, circle))
-            distances[circle.effect] = min(now, distances.get(circle.effect, now))
+            distance = float(circle_distance(position, circle))
+            distances[circle.effect] = min(distance, distances.get(circle.effect, distance))
     return min(distances, key=lambda thing: distances[thing])
 
 
 def end_distances(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
-    """How far runs that never arrived were from fog at their end.
+    """Distances from fog at the end of runs that never arrived.
 
     Returns:
-        The value on the x axis, and `distance` (u; negative inside) of each of these runs in a world with fog.
+        The value on the x axis, and `distance` (u; negative inside), of each of these runs in a layout with fog.
     """
     tables = []
     for setting in settings:
         paths, radius = results.trajectories(setting), results.vehicle_radius(setting)
-        ends = zip(paths.position[:, -1], results.worlds(setting), np.any(paths.reached, axis=1), strict=True)
-        distances = [float(fog_distance(position, world, radius)) for position, world, arrived in ends if not arrived]
+        ends = zip(paths.position[:, -1], results.run_layouts(setting), np.any(paths.reached, axis=1), strict=True)
+        distances = [float(fog_distance(position, layout, radius)) for position, layout, arrived in ends if not arrived]
         finite = [distance for distance in distances if np.isfinite(distance)]
         tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], "distance": finite}))
     return pd.concat(tables, ignore_index=True)
 
 
 def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
-    """Prediction errors of single steps, and how many circles acted on the vehicle when they began.
+    """Prediction errors of single steps, and the number of circles acting on the vehicle when they began.
 
     Returns:
         The value on the x axis, `acting` (at most `MANY`, for that many or more) and `prediction_error` (nats) of
-        each step of each run, but for those that begin or end in fog, where what the vehicle reports is noise.
+        each step of each run, but for those that begin or end in fog, where reported positions are noise.
     """
     tables = []
     for setting in settings:
         paths = results.trajectories(setting)
-        predicted = stats.norm(paths.planned_position[:, :, 0], paths.planned_std[:, :, 0])
-        errors = -np.sum(predicted.logpdf(paths.position[:, 1:]), axis=-1)
-        runs = zip(paths.position, results.worlds(setting), strict=True)
+        prediction = stats.norm(paths.planned_position[:, :, 0], paths.planned_std[:, :, 0])
+        errors = -np.sum(prediction.logpdf(paths.position[:, 1:]), axis=-1)
+        runs = zip(paths.position, results.run_layouts(setting), strict=True)
         radius = results.vehicle_radius(setting)
-        counts = [acting(positions[:-1], world, radius) for positions, world in runs]
+        counts = [acting(positions[:-1], layout, radius) for positions, layout in runs]
         clear = ~paths.in_fog
         clear[:, 1:] &= ~paths.in_fog[:, :-1]
         values = {"acting": np.minimum(counts, MANY)[clear], "prediction_error": errors[clear]}
@@ -131,21 +129,20 @@ def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def acting(positions: Floats, world: Layout, radius: float) -> NDArray[np.integer]:
+def acting(positions: Floats, layout: Layout, radius: float) -> NDArray[np.integer]:
     """Number of circles that act on a vehicle of `radius` (u) at `positions` `[..., 2]` (u): `[...]`."""
-    circles = [circle for circle in world.circles if circle.effect != "none"]
-    inside = [affected(positions, world, circle, radius) for circle in circles]
+    circles = [circle for circle in layout.circles if circle.effect != "none"]
+    inside = [affected(positions, layout, circle, radius) for circle in circles]
     return np.sum(inside, axis=0) if inside else np.zeros(positions.shape[:-1], int)
 
 
 def places(results: Results, settings: Sequence[Setting]) -> Places:
-    """Where runs went wrong, over all context sizes above 0 (over 0 where no other was run)."""
-    chosen = [setting for setting in settings if setting.context_size > 0] or settings
+    """Places where runs went wrong, over all context sizes above 0 (over 0 if there is no other)."""
     fog, ended = [], []
-    for setting in chosen:
+    for setting in [setting for setting in settings if setting.context_size > 0] or settings:
         paths = results.trajectories(setting)
-        entered = paths.in_fog.any(axis=1)
-        first = paths.in_fog[entered].argmax(axis=1) + 1  # a step's end is the next position
-        fog.append(paths.position[entered, first])
+        any_fog = paths.in_fog.any(axis=1)
+        first = paths.in_fog[any_fog].argmax(axis=1) + 1  # a step's end is the next position
+        fog.append(paths.position[any_fog, first])
         ended.append(paths.position[~paths.reached.any(axis=1), -1])
     return Places(np.concatenate(fog), np.concatenate(ended))

@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from affmap.env.layout import Layout
+from affmap.env.scene import Scene
 from affmap.settings.messages import ConfigError
 from affmap.store.files import guarded_read, read_arrays
 from affmap.store.provenance import PROVENANCE
@@ -31,7 +32,7 @@ Floats = NDArray[np.floating[Any]]
 
 
 class Exploration(NamedTuple):
-    """Places that the data set has been to, in each of W training layouts."""
+    """Places visited by the data set, in each of W training layouts."""
 
     counts: NDArray[np.integer]
     """`[W, Y, X]` recorded steps in each cell of side `affmap.env.geometry.CELL`."""
@@ -42,14 +43,14 @@ class Exploration(NamedTuple):
 
 
 def write_coverage(folder: Path, parts: Sequence[dict[str, np.ndarray]]) -> Exploration:
-    """Write what `affmap.data.collect.coverage` found in each of W layouts; returns it together."""
+    """Write the results of `affmap.data.collect.coverage` in each of W layouts; returns them together."""
     exploration = Exploration(**{key: np.stack([part[key] for part in parts]) for key in Exploration._fields})
     _write_arrays(folder / COVERAGE, exploration)
     return exploration
 
 
 def read_coverage(folder: Path) -> Exploration:
-    """Read where the data set has been."""
+    """Read the places visited by the data set."""
     return _read_arrays(Exploration, folder / COVERAGE)
 
 
@@ -64,10 +65,10 @@ def read_validation(folder: Path) -> pd.DataFrame:
 
 
 KINDS = ("free", "touching", "entering", "inside", "leaving")
-"""What may happen in a step: nothing, touching a surface at its end, entering fog, being inside of it, leaving it."""
+"""Kinds of steps: free, touching a surface at the end, entering fog, inside fog, leaving it."""
 
 EVERYWHERE = "(all)"
-"""Stands in the column `world` for all training worlds together."""
+"""Entry of the column `world` for all training layouts together."""
 
 STEP_COLUMNS = ["member", "epoch", "world", "kind", "steps", "mean", "median"]
 
@@ -132,12 +133,12 @@ class Maps(NamedTuple):
 
     @property
     def untrained(self) -> "Maps":
-        """The maps of the same members before training."""
+        """The members' maps before training."""
         return self._replace(codes=self.initial_codes)
 
     @property
     def snapshots(self) -> dict[int, "Maps"]:
-        """Epoch -> the maps of the same members after it."""
+        """Epoch -> the members' maps after it."""
         return {int(e): self._replace(codes=codes) for e, codes in zip(self.epochs, self.snapshot_codes, strict=True)}
 
     @property
@@ -188,6 +189,15 @@ class Trajectories(NamedTuple):
     run: NDArray[np.integer]
     """`[B]`."""
 
+    def scene(self, index: int, step: int, layout: Layout, radius: float) -> Scene:
+        """The moment at which run `index` of the B makes the plan of a step, for a vehicle of `radius` (u)."""
+        past, moment = self.position[index, : step + 1], (index, step)
+        lost = bool(step and self.in_fog[index, step - 1])
+        scene = Scene(layout, radius, past[-1], self.goal[index], past=past, start=past[0], in_fog=lost)
+        return scene._replace(
+            action=self.action[moment], path=self.planned_position[moment], std=self.planned_std[moment]
+        )
+
 
 def write_trajectories(folder: Path, arrays: dict[str, np.ndarray]) -> None:
     """Write the arrays of `Trajectories`, in the order in which they come."""
@@ -200,15 +210,15 @@ def read_trajectories(folders: Sequence[Path]) -> Trajectories:
     return Trajectories(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-WORLD_COLUMNS = ["crossable", "lookup_error"]
-"""Columns of a table of runs that follow from layouts: is there a way, and how far are the planner's codes off?"""
+LAYOUT_COLUMNS = ["crossable", "lookup_error"]
+"""Columns of a table of runs that follow from layouts: whether there is a way, and the error of the planner's codes."""
 
 
 def write_runs(
     folder: Path,
     setting: Mapping[str, str | int | float],
     table: pd.DataFrame,
-    world: Sequence[Sequence[Any] | np.ndarray],
+    layout_values: Sequence[Sequence[Any] | np.ndarray],
 ) -> None:
     """Write a table of runs.
 
@@ -216,10 +226,10 @@ def write_runs(
         folder: of the stage.
         setting: columns before all others, the same for all runs.
         table: one row a run.
-        world: the columns `WORLD_COLUMNS`, after all others.
+        layout_values: the columns `LAYOUT_COLUMNS`, after all others.
     """
     before = pd.DataFrame(dict(setting), index=table.index)
-    after = pd.DataFrame(dict(zip(WORLD_COLUMNS, world, strict=True)), index=table.index)
+    after = pd.DataFrame(dict(zip(LAYOUT_COLUMNS, layout_values, strict=True)), index=table.index)
     before.join(table).join(after).to_csv(folder / RUNS, index=False, float_format="%.6f")
 
 
@@ -236,13 +246,13 @@ def write_layouts(folder: Path, layouts: Sequence[Layout]) -> None:
 def read_layouts(folder: Path) -> list[Layout]:
     """Read the layout of each of B runs."""
     with guarded_read(folder / LAYOUTS):
-        known: dict[str, Layout] = {}  # most runs share theirs
         texts = [json.dumps(layout) for layout in json.loads((folder / LAYOUTS).read_text("utf-8"))]
-        return [known.setdefault(text, known.get(text) or Layout.model_validate_json(text)) for text in texts]
+        layouts = {text: Layout.model_validate_json(text) for text in dict.fromkeys(texts)}  # most runs share theirs
+        return [layouts[text] for text in texts]
 
 
 def read_origin(folder: Path) -> dict[str, Any]:
-    """Read the provenance of a stage: its name, digest and configuration at least."""
+    """Read the provenance of a stage, with at least its name, digest and configuration."""
     with guarded_read(folder / PROVENANCE):
         record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
         for key in ("stage", "digest", "config"):

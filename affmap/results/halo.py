@@ -1,4 +1,4 @@
-"""The halo of fog: places just outside of it that models take for fog. Pure functions of the predicted deviations."""
+"""The halo of fog: places just outside that models mistake for fog. Pure functions of the predicted deviations."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ WIDTH = 0.05
 """u beyond the edge of fog, about a pixel of the view."""
 
 UNCERTAIN = 0.1
-"""u; a predicted deviation above it takes a place for fog, whose noise is ten times as large."""
+"""u; a place with a larger predicted deviation is mistaken for fog, whose noise is ten times as large."""
 
 
 def fog_distance(positions: Floats, layout: Layout, radius: float) -> Floats:
-    """How far a vehicle of `radius` (u) at `positions` `[..., 2]` is from being in fog, `[...]` in u; negative in it.
+    """Distance to fog of a vehicle of `radius` (u) at `positions` `[..., 2]`: `[...]` in u.
 
-    Infinite where there is no fog.
+    Negative in fog, infinite if there is none.
     """
     fog = [circle for circle in layout.circles if circle.effect == "fog"]
     distances = [circle_distance(positions, circle) - layout.reach(circle, radius) for circle in fog]
@@ -24,19 +24,19 @@ def fog_distance(positions: Floats, layout: Layout, radius: float) -> Floats:
 
 
 def halo(deviations: Deviations, layout: Layout, radius: float) -> Floats:
-    """Share of the places just outside fog that each member takes for fog, `[M]`: a step from there has no noise."""
+    """Share of the places just outside fog that each member mistakes for fog, `[M]`; steps from there have no noise."""
     distance = fog_distance(deviations.nodes, layout, radius)
     return _uncertain(deviations, layout, radius, (distance >= 0) & (distance <= WIDTH))
 
 
 def beyond(deviations: Deviations, layout: Layout, radius: float) -> Floats:
-    """The same share of the places farther than `WIDTH` from fog, `[M]`."""
+    """Share of the places farther than `WIDTH` from fog that each member mistakes for fog, `[M]`."""
     return _uncertain(deviations, layout, radius, fog_distance(deviations.nodes, layout, radius) > WIDTH)
 
 
 def _uncertain(deviations: Deviations, layout: Layout, radius: float, places: Mask) -> Floats:
-    """Share of the reachable ones of some nodes with a large deviation along x or y, `[M]`; NaN where there is none."""
-    chosen = deviations.std[:, places & reachable(deviations.nodes, layout, radius)]  # [M, nodes, 2]
-    if not chosen.shape[1]:
-        return np.full(len(chosen), np.nan)
-    return np.asarray((chosen.max(-1) > UNCERTAIN).mean(1))
+    """Share of reachable nodes among `places` with a large deviation along x or y, `[M]`; NaN if there are none."""
+    std = deviations.std[:, places & reachable(deviations.nodes, layout, radius)]  # [M, nodes, 2]
+    if not std.shape[1]:
+        return np.full(len(std), np.nan)
+    return np.asarray((std.max(-1) > UNCERTAIN).mean(1))

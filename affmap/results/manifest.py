@@ -1,7 +1,7 @@
-"""The manifest of a report: `provenance.json` lists the stages that it was made of, and its files with their digests.
+"""The manifest of a report: `provenance.json` lists its stages, and its files with their digests.
 
-A report is not bound to the code that drew it. Which code did is noted beside it, in a file that is not published, and
-decides only whether `affmap-report` draws again.
+A report is not bound to the code that drew it. A digest of that code lies beside it in a file that is not published,
+and only decides whether `affmap-report` draws again.
 """
 
 import hashlib
@@ -17,21 +17,21 @@ from affmap.store.files import digests, guarded_read, sha256
 from affmap.store.provenance import PROVENANCE
 from affmap.store.stage import Stage
 
-PARTS = ("report.pdf", "report.html", "figures", "tables")
-"""Parts of a report, beside its provenance."""
+PARTS = ("report.md", "report.pdf", "report.html", "figures", "tables")
+"""Parts of a report, besides its provenance."""
 
 DRAWN_BY = ".drawn_by"
 """File of a report's folder: the digest of the code that drew it."""
 
 
 def write(folder: Path, record: Mapping[str, Any]) -> None:
-    """Write the manifest of a report whose other files are complete; a folder that has one is whole."""
+    """Write the manifest of a report whose other files are complete; a folder with a manifest is complete."""
     _write(folder, {**record, "files": _digests(folder)})
     (folder / DRAWN_BY).write_text(code(), "utf-8")
 
 
 def is_current(folder: Path, record: Mapping[str, Any]) -> bool:
-    """Whether a folder holds the report of a record, drawn by this code, and every file is as it was written."""
+    """Whether a folder holds the report of a record, drawn by this code, with every file intact."""
     path, drawn_by = folder / PROVENANCE, folder / DRAWN_BY
     if not path.is_file() or not drawn_by.is_file() or drawn_by.read_text("utf-8") != code():
         return False
@@ -39,7 +39,7 @@ def is_current(folder: Path, record: Mapping[str, Any]) -> bool:
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """The manifest of the report in a folder; empty where there is no report.
+    """The manifest of the report in a folder; empty if there is no report.
 
     Raises:
         ConfigError: it is corrupted.
@@ -54,7 +54,7 @@ def read(folder: Path) -> dict[str, Any]:
 
 
 def stage_digests(folder: Path) -> set[str]:
-    """Digests of the stages that the report in a folder was made of; none where it has no stages, or is not there.
+    """Digests of the stages of the report in a folder; none if it has no stages or does not exist.
 
     Raises:
         ConfigError: its manifest is corrupted.
@@ -69,20 +69,20 @@ def check_output(output: Path, stages: Iterable[Stage]) -> None:
 
     Args:
         output: the report's folder.
-        stages: those that the report is to be made of.
+        stages: of the new report.
 
     Raises:
-        ConfigError: the folder holds a report of others.
+        ConfigError: the folder holds a report of other stages.
     """
     record = read(output)
     with guarded_read(output / PROVENANCE):
-        there = {stage.get("configuration", stage["digest"]) for stage in record.get("stages", ())}
-    if not there <= {stage.configuration for stage in stages}:
+        old = {stage.get("configuration", stage["digest"]) for stage in record.get("stages", ())}
+    if not old <= {stage.configuration for stage in stages}:
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
 
 def same_results(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether two manifests are of the same results: stages, trials, and what of them is compared."""
+    """Whether two manifests are of the same results: stages, trials, and compared key."""
     return bool(one) and _results(one) == _results(other)
 
 
@@ -93,7 +93,7 @@ def _results(record: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def problems(folder: Path) -> list[str]:
-    """Everything that is wrong with the files of a report, a sentence each.
+    """Errors in the files of a report, a sentence each.
 
     Raises:
         ConfigError: its manifest is corrupted.
@@ -111,7 +111,7 @@ def problems(folder: Path) -> list[str]:
 
 
 def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
-    """Copy a report, but for logs and files that match one of `without`, replacing what is at `target`."""
+    """Copy a report, but for logs and files that match one of `without`, replacing `target`."""
     new = target.with_name(f"{target.name}.new")
     shutil.rmtree(new, ignore_errors=True)
     shutil.copytree(folder, new, ignore=shutil.ignore_patterns("jobs", DRAWN_BY, *without))
@@ -124,11 +124,11 @@ def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
 
 @cache
 def code() -> str:
-    """A digest of all files of the package: whatever may have a part in a drawing."""
+    """A digest of all files of the package that a drawing may depend on."""
     package = Path(__file__).parents[1]
     kinds = (".py", ".typ", ".html", ".js", ".css", ".md", ".mplstyle")
-    read = (path.read_bytes() for path in sorted(package.rglob("*")) if path.suffix in kinds)
-    return hashlib.sha256(b"".join(read)).hexdigest()[:16]
+    contents = (path.read_bytes() for path in sorted(package.rglob("*")) if path.suffix in kinds)
+    return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
 
 
 def _digests(folder: Path) -> dict[str, str]:

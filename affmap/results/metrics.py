@@ -1,7 +1,7 @@
 """Metrics: one entry each, with column, unit, label, margin, and the function of trajectories that computes it.
 
-An entry is all that a new metric needs: reports of results that were stored before it existed have it, too, because a
-column that a stored table lacks is computed when it is read.
+A new metric needs nothing but an entry. Reports of older results have it, too, because a column that a stored table
+lacks is computed when the table is read.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,18 +23,18 @@ class Metric(NamedTuple):
     """A column of the tables."""
 
     name: str
-    """In a sentence."""
+    """Its name in a sentence."""
     unit: str
     label: str
-    """Of an axis."""
+    """Label of an axis."""
     of_runs: Callable[[Trajectories], Column] | None = None
-    """The metric of B runs: `[B]`; None for one that trajectories do not tell."""
+    """The metric of B runs: `[B]`; None if it does not follow from trajectories."""
     statistic: Statistic = "mean"
     """The effect in tests: mean or median of the members' differences; likelihoods have heavy tails."""
     margin: float | None = None
-    """A difference that would not matter: small against those between context sizes."""
+    """A difference that would not matter: small compared with those between context sizes."""
     stored: bool = False
-    """Whether the table of a control stage has the column; its columns stay as they are, so new metrics are not."""
+    """Whether the table of a control stage has the column; its columns are fixed, so new metrics are not stored."""
 
 
 def _prediction_error(paths: Trajectories) -> Column:
@@ -53,9 +53,8 @@ def _reached(paths: Trajectories) -> Column:
 
 
 def _steps_to_reach(paths: Trajectories) -> Column:
-    """Number of the step that reached the goal; empty where none did."""
-    ever = np.asarray(paths.reached.any(axis=1))
-    return pd.Series(np.where(ever, paths.reached.argmax(axis=1) + 1, 0)).where(ever).astype("Int64")
+    """Number of the step that reached the goal; empty if none did."""
+    return pd.Series(paths.reached.argmax(axis=1) + 1).where(np.asarray(_reached(paths))).astype("Int64")
 
 
 def success(paths: Trajectories) -> Column:
@@ -82,13 +81,7 @@ def _final_spread(paths: Trajectories) -> Column:
 METRICS = {
     "validation_nll": Metric("validation loss", "nats", "validation NLL (nats)", statistic="median", margin=0.5),
     "prediction_error": Metric(
-        "prediction error",
-        "nats",
-        "prediction error (nats)",
-        _prediction_error,
-        statistic="median",
-        margin=0.5,
-        stored=True,
+        "prediction error", "nats", "prediction error (nats)", _prediction_error, "median", margin=0.5, stored=True
     ),
     "mean_distance": Metric(
         "mean distance", "u", "mean distance to the goal (u)", _mean_distance, margin=0.05, stored=True
@@ -104,12 +97,12 @@ METRICS = {
 
 
 def stored_metrics() -> list[str]:
-    """Columns of metrics that the table of a control stage has."""
+    """Columns of metrics in the table of a control stage."""
     return [column for column, metric in METRICS.items() if metric.stored]
 
 
 def extra_metrics() -> list[str]:
-    """Columns of metrics that no table has stored; reports show them beside those that they show anyway."""
+    """Columns of metrics that are not stored; reports show them besides the usual ones."""
     return [column for column, metric in METRICS.items() if metric.of_runs and not metric.stored]
 
 
@@ -126,12 +119,12 @@ PLACES: dict[str, Callable[[Trajectories], Column]] = {
     "goal_x": lambda paths: paths.goal[:, 0],
     "goal_y": lambda paths: paths.goal[:, 1],
 }
-"""Column -> what tells a run from the others of its setting; lengths in u."""
+"""Column -> function that computes it; these columns identify a run of a setting. Lengths in u."""
 
 
 def places(paths: Trajectories) -> pd.DataFrame:
     """The member, number, start and goal of B runs, a row each."""
-    return pd.DataFrame({column: read(paths) for column, read in PLACES.items()})
+    return pd.DataFrame({column: compute(paths) for column, compute in PLACES.items()})
 
 
 def summarise(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:

@@ -1,14 +1,14 @@
-"""Numbers and lists as readers see them (leaf)."""
+"""Numbers and lists for readers (leaf)."""
 
 import math
 from collections.abc import Iterable, Sequence
 
 NOTHING = "\N{EN DASH}"
-"""What a cell shows that has nothing to show."""
+"""Content of an empty cell."""
 
 
 def number(value: float | None, digits: int = 2, sign: bool = False) -> str:
-    """A number with a true minus sign; millions and more with an exponent; an en dash where there is none."""
+    """A number with a true minus sign, from a million with an exponent; an en dash if there is none."""
     if value is None or not math.isfinite(value):
         return NOTHING
     form = "+" if sign else ""
@@ -20,7 +20,7 @@ def number(value: float | None, digits: int = 2, sign: bool = False) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """A p value to three digits; an en dash where there is none."""
+    """A p value to three digits; an en dash if there is none."""
     if value is None:
         return NOTHING
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
@@ -28,13 +28,19 @@ def p_value(value: float | None) -> str:
 
 def span(values: Iterable[int]) -> str:
     """The only value of several, or the smallest and the largest."""
-    low, high = min(numbers := [int(value) for value in values]), max(numbers)
+    numbers = [int(value) for value in values]
+    low, high = min(numbers), max(numbers)
     return str(low) if low == high else f"{low} to {high}"
 
 
 def listed(words: Sequence[str]) -> str:
     """Words as an enumeration."""
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else NOTHING
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, which takes an s unless it is one."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def points(markdown: str) -> list[tuple[str, str]]:

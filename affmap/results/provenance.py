@@ -1,4 +1,4 @@
-"""Where the results come from, and what they cost: the stages' own provenance, once each, without what they repeat."""
+"""Provenance and cost of results: the provenance of their stages, without repetitions."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,13 +12,13 @@ from affmap.results.tables import Results
 from affmap.store.stage import Stage
 
 _SHARED = ("versions", "git", "machine", "command")
-"""What most stages of a sweep agree on: its distinct values are listed once."""
+"""Entries on which most stages of a sweep agree: their distinct values are listed once."""
 
 _PLACEHOLDER = re.compile(r"\$\{([a-z_.]+)\}")
 
 
 class Cost(NamedTuple):
-    """What the stages of one kind took."""
+    """Number and duration of the stages of one kind."""
 
     stage: str
     folders: int
@@ -26,16 +26,16 @@ class Cost(NamedTuple):
 
 
 def summarize(settings: Sequence[Setting], records: Mapping[Path, dict[str, Any]]) -> dict[str, Any]:
-    """Everything `provenance.json` says about the stages.
+    """The entries about stages in a report's `provenance.json`.
 
     Args:
         settings: completed ones.
-        records: stage folder -> its own provenance, of the settings and of what belongs to them.
+        records: stage folder -> its own provenance, for the settings, growth and baselines.
 
     Returns:
         `seconds` (all stages together) and `peak_memory_mib` (of the largest process); the distinct values of
         `versions`, `git`, `machine` and `command`; `configs`, the configuration of the first stage of each kind;
-        `stages`, one entry per folder with the leaves in which its configuration `differs` from that one; and `jobs`,
+        `stages`, one entry per folder with the leaves in which its configuration `differs` from that one; `jobs`,
         the values of each setting and the digests of its stages.
     """
     configs: dict[str, dict[str, Any]] = {}
@@ -63,7 +63,7 @@ def summarize(settings: Sequence[Setting], records: Mapping[Path, dict[str, Any]
 
 
 def config_of(record: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """The configuration of a stage out of what `summarize` returned."""
+    """The configuration of a stage, from a summary by `summarize`."""
     stage = next(stage for stage in record["stages"] if stage["digest"] == digest)
     values = leaves(record["configs"][stage["stage"]]) | stage["differs"]
     config: dict[str, Any] = {}
@@ -79,43 +79,42 @@ def config_of(record: Mapping[str, Any], digest: str) -> dict[str, Any]:
 
 
 def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
-    """Put the values that were used into a list of points that names them as `${group.key}`.
+    """Fill values of the configuration into a Markdown list that names them as `${group.key}`.
 
-    Of several reports the first that knows a value gives it. A point is left out where a value is not known: it is
-    about something that was not run.
+    Of several reports the first with a value provides it. A point with an unknown value is left out: it is about
+    something that was not run.
     """
     values: dict[str, Any] = {}
     for results in reports:
         for job in results.settings:
             config = results.provenance[job.control[0]]["config"]
-            named = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
-            # So that a point can be about an effect, and is left out where no circle has it.
+            planner = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
+            # A point about an effect is left out if no circle has it.
             layouts = [*config["training_layouts"], config["control_layout"]]
             circles = [circle for layout in layouts for circle in layout.get("circles", layout.get("properties"))]
             effects = {f"effect.{each['effect']}": EFFECTS[each["effect"]].label for each in circles}
-            values = leaves(config) | named | effects | values
+            values = leaves(config) | planner | effects | values
     return [
-        (title, _PLACEHOLDER.sub(lambda match: shown(values[match[1]]), text))
+        (title, _PLACEHOLDER.sub(lambda match: _format(values[match[1]]), text))
         for title, text in points(template)
         if all(key in values for key in _PLACEHOLDER.findall(text))
     ]
 
 
-def shown(value: Any) -> str:
-    """A value of the configuration as text."""
+def _format(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def costs(reports: Sequence[Results]) -> list[list[Cost]]:
     """Per report and kind of stage: number of folders, and seconds in total.
 
-    What two reports share is counted with the first.
+    Folders of several reports are counted with the first.
     """
-    counted: set[Path] = set()
+    earlier: set[Path] = set()
     tables = []
     for results in reports:
-        records = [record for folder, record in results.provenance.items() if folder not in counted]
-        counted |= results.provenance.keys()
+        records = [record for folder, record in results.provenance.items() if folder not in earlier]
+        earlier |= results.provenance.keys()
         tables.append([_cost(stage, [record for record in records if record["stage"] == stage]) for stage in STAGES])
     return tables
 
@@ -132,26 +131,23 @@ def differences(config: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
 
 
 def leaves(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Dotted name -> value, of everything in `config` that is no group."""
-    found: dict[str, Any] = {}
+    """Dotted name -> value, of all leaves of a configuration."""
+    values: dict[str, Any] = {}
     for key, value in config.items():
-        found |= leaves(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return found
+        values |= leaves(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return values
 
 
 def distinct(values: Sequence[Any]) -> list[Any]:
-    """The distinct values in order of appearance; they need not be hashable."""
-    found: list[Any] = []
-    for value in values:
-        if value is not None and value not in found:
-            found.append(value)
-    return found
+    """The distinct values that are not None, in order of appearance; they need not be hashable."""
+    return [value for index, value in enumerate(values) if value is not None and value not in values[:index]]
 
 
 def setting_of(differs: dict[str, Any], factors: Sequence[Factor] = ()) -> str:
-    """What tells a stage from the first of its kind, in short; `provenance.json` has every difference."""
+    """A short description of a stage by its main differences from the first of its kind."""
     names = {factor.key: factor.label for factor in factors} | {
         "model.context_size": "context size",
+        "model.transition.kind": "transition",
         "agent.kind": "agent",
         "planner.kind": "planner",
         "lookup.spacing": "look-up",

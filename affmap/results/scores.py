@@ -1,33 +1,36 @@
 """Scores of claims, and the centers of all settings, as tables: pure functions of the results."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pandas as pd
 
-from affmap.results.claims import Claim, Score
+from affmap.results.claims import Claim, Criterion, Score
 from affmap.results.metrics import METRICS, extra_metrics
 from affmap.results.setting import ALWAYS, CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings, short_name
 from affmap.results.tables import Results
 
-COLUMNS = (
-    "claim",
-    "part",
-    "statement",
-    "test",
-    "members",
-    "effect_of",
-    "effect",
-    "low",
-    "high",
-    "unit",
-    "p",
-    "p_opposite",
-    "part_verdict",
-    "verdict",
-    "note",
-)
+_CELLS: dict[str, Callable[[Score, Criterion], Any]] = {
+    "claim": lambda score, part: score.claim.name,
+    "part": lambda score, part: part.name,
+    "statement": lambda score, part: part.statement or score.claim.statement,
+    "test": lambda score, part: part.outcome.test,
+    "members": lambda score, part: part.outcome.members,
+    "effect_of": lambda score, part: part.effect_of,
+    "effect": lambda score, part: part.outcome.effect,
+    "low": lambda score, part: part.outcome.low,
+    "high": lambda score, part: part.outcome.high,
+    "unit": lambda score, part: part.unit,
+    "p": lambda score, part: part.outcome.p,
+    "p_opposite": lambda score, part: part.outcome.p_opposite,
+    "part_verdict": lambda score, part: part.outcome.verdict.value,
+    "verdict": lambda score, part: score.verdict.value,
+    "note": lambda score, part: part.outcome.note,
+}
+"""Column -> its cell for a part of a claim."""
+
+COLUMNS = tuple(_CELLS)
 
 
 def score(results: Results, claims: Sequence[Claim]) -> list[Score]:
@@ -36,34 +39,14 @@ def score(results: Results, claims: Sequence[Claim]) -> list[Score]:
 
 
 def as_table(scores: Sequence[Score]) -> pd.DataFrame:
-    """One row per part of each claim, columns `COLUMNS`; empty cells where there is nothing to report."""
-    rows = [
-        (
-            item.claim.name,
-            part.name,
-            part.statement or item.claim.statement,
-            part.outcome.test,
-            part.outcome.members,
-            part.effect_of,
-            part.outcome.effect,
-            part.outcome.low,
-            part.outcome.high,
-            part.unit,
-            part.outcome.p,
-            part.outcome.p_opposite,
-            part.outcome.verdict.value,
-            item.verdict.value,
-            part.outcome.note,
-        )
-        for item in scores
-        for part in item.parts
-    ]
+    """One row per part of each claim, columns `COLUMNS`."""
+    rows = [[cell(score, part) for cell in _CELLS.values()] for score in scores for part in score.parts]
     numbers = ("effect", "low", "high", "p", "p_opposite")
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype(dict.fromkeys(numbers, float))
 
 
 def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
-    """The centers of all settings (`centers`), with planners by their short names."""
+    """The centers of all settings (see `centers`), with short names of planners."""
     table = centers(results, settings)
     return table.assign(planner=table["planner"].map(short_name))
 
@@ -71,9 +54,9 @@ def medians(results: Results, settings: ReportSettings) -> pd.DataFrame:
 def centers(results: Results, settings: ReportSettings) -> pd.DataFrame:
     """The center of each setting (over members for the validation loss, over runs in control), and the paper's axis.
 
-    The center is the median, as in the paper's box plots; of `success` it is the mean, as in its bars. A training has
-    no planner, a layout only where the trainings differ in it, and values of other factors only where it depends on
-    them. Where no axis is given, `paper_low`, `paper_high` and `inside` are empty.
+    The center is the median, as in the paper's box plots, or the mean for `success`, as in its bars. A training has
+    no planner, a layout only if trainings differ in it, and values of other factors only if it depends on them. If no
+    axis is given, `paper_low`, `paper_high` and `inside` are empty.
     """
     own = [factor.column for factor in results.factors if factor not in ALWAYS]
     keys = [PLANNER.column, LAYOUT.column, *own, CONTEXT_SIZE.column]
@@ -93,12 +76,12 @@ def centers(results: Results, settings: ReportSettings) -> pd.DataFrame:
 
 
 def statistic(metric: str) -> str:
-    """The name of the center of a metric: the mean of what is true or false, else the median."""
+    """The statistic of a metric's center: the mean for shares, else the median."""
     return "mean" if METRICS[metric].unit == "share" else "median"
 
 
 def center(values: "pd.Series[Any]", metric: str) -> float:
-    """The center of some values of a metric; NaN where one is missing."""
+    """The center of some values of a metric; NaN if one is missing."""
     return float(values.astype(float).agg(statistic(metric), skipna=False))
 
 

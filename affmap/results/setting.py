@@ -1,6 +1,6 @@
-"""Settings of a sweep as data: the values of the keys that it varies, and how readers know these keys.
+"""Settings of a sweep as data: the values of the swept keys, and names of these keys for readers.
 
-A report tells two keys apart, its factors: one on the x axis, one by colour.
+A report groups by two keys, its factors: one on the x axis, one by colour.
 """
 
 from collections.abc import Mapping
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from affmap.settings import Count, Line, Neutral, Number, Positive, Settings, read
+from affmap.settings import Count, Line, Name, Neutral, Number, Positive, Settings, read
 
 Value = bool | int | float | str
 
@@ -23,7 +23,7 @@ class PlannerName(NamedTuple):
     method: str
     """In a sentence, before "planning"."""
     color: str
-    """`#rrggbb`; Okabe and Ito: told apart by everybody, and in grey."""
+    """`#rrggbb`, of the palette by Okabe and Ito: safe for colour-blind readers, and in grey."""
 
 
 PLANNERS = {
@@ -34,7 +34,7 @@ PLANNERS = {
 
 
 def short_name(kind: str) -> str:
-    """The abbreviation of a planner (`conf/report/default.yaml`): the paper's EB and GB, or its kind."""
+    """The abbreviation of a planner or model (`conf/report/default.yaml`): the paper's EB and GB, MLP, or its kind."""
     names: Mapping[str, str] = read("report", "default")["names"]
     return names.get(kind, kind)
 
@@ -44,11 +44,11 @@ class Factor(NamedTuple):
 
     key: str
     column: str
-    """Of tables of runs."""
+    """Column in tables of runs."""
     label: str
-    """Of an axis, and in a sentence."""
+    """Label of an axis, also in a sentence."""
     symbol: str = ""
-    """Before a value: the C of C = 8; empty where values are names."""
+    """Symbol before a value, such as the C of C = 8; empty if values are names."""
 
     def format(self, value: Value) -> str:
         """A value with its symbol, as in C = 8."""
@@ -63,26 +63,26 @@ LAYOUT = Factor("control_layout", "layout", "layout")
 SPACING = Factor("lookup.spacing", "lookup_spacing", "map spacing (u)", "spacing")
 
 ALWAYS = (LAYOUT, PLANNER, CONTEXT_SIZE)
-"""Factors that every setting has a value of."""
+"""Factors of which every setting has a value."""
 
 FACTORS = {factor.key: factor for factor in (LAYOUT, PLANNER, SPACING, CONTEXT_SIZE)}
-"""Key -> factor, of those that every table of runs has a column for, in the order of the columns."""
+"""Key -> factor, for those with a column in every table of runs, in the order of the columns."""
 
 
 def make_factor(key: str) -> Factor:
-    """The factor of a key; that of a key without a column of its own is labelled by its last part."""
+    """The factor of a key; without a column of its own, it is labelled by the key's last part."""
     name = key.rpartition(".")[2].replace("_", " ")
     return FACTORS.get(key) or Factor(key, key.replace(".", "_"), name, name)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of a sweep: the values of the keys that it varies, and the folders of its completed stages."""
+    """One setting of a sweep: the values of the swept keys, and the folders of its completed stages."""
 
     values: Mapping[str, Value]
-    """Dotted key -> value; `model.context_size`, `planner` and `control_layout` are always there, by size and name."""
+    """Dotted key -> value; always has `model.context_size`, `planner` and `control_layout`."""
     folders: Mapping[str, tuple[Path, ...]]
-    """Stage -> its folder, or those of the jobs that its members were divided among, in the members' order."""
+    """Stage -> its folder, or folders if its members were divided among jobs, in the members' order."""
 
     @property
     def context_size(self) -> int:
@@ -96,7 +96,7 @@ class Setting:
 
     @property
     def layout(self) -> str:
-        """Name of the layout that was flown in."""
+        """Name of the layout of control."""
         return str(self.values[LAYOUT.key])
 
     @property
@@ -125,31 +125,42 @@ class Setting:
         return self.folders["control"]
 
 
+EXPERIMENTS = Path(__file__).parents[1] / "experiments"
+"""Folder of the rooms of experiments; one with a file `claims.py` has claims."""
+
 MetricName = Literal["validation_nll", "prediction_error", "mean_distance", "success"]
 
 
 class ReportSettings(Settings):
-    """What reports draw and test (`conf/report`, and each experiment)."""
+    """Settings of reports (`conf/report`, and each experiment)."""
 
     map_spacing: Positive
-    """Distance between the nodes of the affordance maps that are drawn and examined, u."""
+    """Distance between the nodes of affordance maps, u."""
     snapshots: bool
     """Whether maps are also painted with the weights kept during training."""
     compare: Line | None = Field(exclude=True)
     """A key of the configuration whose values are compared in a table; None for the report of an experiment."""
     partial: bool = Field(exclude=True)
-    """Whether a report is wanted though some settings are not complete; it says so on every figure."""
-    claims: Literal["exp1", "exp2", "exp3", "exp4", "exp5"] | None = Field(exclude=True)
-    """The experiment of the paper whose claims are tested; None for an experiment that the paper does not have."""
+    """Whether a report may lack settings that are not complete; every figure then says so."""
+    claims: Name | None = Field(exclude=True)
+    """The folder of `affmap/experiments` whose claims are tested; None for none."""
     x: Annotated[Line | None, Neutral(None), Field(exclude=True)]
     """The key on the x axis; None for the context size or, where that is not varied, the first number that is."""
     color: Annotated[Line | None, Neutral(None), Field(exclude=True)]
-    """The key that colours tell apart; None for whatever else is varied."""
+    """The grouping variable shown by colour; None for whatever else is varied."""
     names: Mapping[Line, Line] = Field(exclude=True)
-    """What planners and layouts are called; others keep their own names."""
+    """Planner, layout or model -> its name for readers; others keep their own."""
     paper_figures: Annotated[Mapping[Line, Count], Neutral({}), Field(exclude=True)]
-    """Figure of the report -> number of the paper's figure that it corresponds to."""
+    """Figure of the report -> number of the corresponding figure in the paper."""
     outcome: Literal["mean_distance", "success"] = Field(exclude=True)
-    """What the success of control is measured by, beside the prediction error."""
+    """The metric of success in control, besides the prediction error."""
     axes: Mapping[MetricName, tuple[Number, Number]] = Field(exclude=True)
-    """Metric -> lowest and highest tick of the paper's axis; it prints no result as text."""
+    """Metric -> lowest and highest tick of the paper's axis; the paper prints no result as text."""
+
+    @field_validator("claims")
+    @classmethod
+    def _check_claims(cls, value: str | None) -> str | None:
+        known = sorted(path.parent.name for path in EXPERIMENTS.glob("*/claims.py"))
+        if value is not None and value not in known:
+            raise ValueError(f"names no folder of affmap/experiments with claims; there are: {', '.join(known)}")
+        return value

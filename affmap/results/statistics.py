@@ -9,13 +9,14 @@ where there is too little to test: then a note says what is missing. No function
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from affmap.lazy import stats
 from affmap.results.metrics import Statistic
+from affmap.settings import ConfigError
 
 LEVEL = 0.05
 """One-sided level of every test."""
@@ -28,8 +29,14 @@ Order = Literal["lower", "higher"]
 Scores = NDArray[np.floating]
 
 
+def _check(value: str, values: Sequence[str]) -> None:
+    """Make sure of a word of a claim: another one would turn its test around."""
+    if value not in values:
+        raise ConfigError(f"a test cannot be of {value!r}; choose one of: {', '.join(values)}.")
+
+
 class Verdict(StrEnum):
-    """What a test says about a claim."""
+    """The verdict of a test on a claim."""
 
     HOLDS = "holds"
     DOES_NOT_HOLD = "does not hold"
@@ -38,7 +45,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """A test's result. What cannot be computed is None; then `note` says why."""
+    """The result of a test. Values that cannot be computed are None; then `note` says why."""
 
     test: str
     members: int
@@ -62,12 +69,13 @@ def trend(scores: ArrayLike, direction: Direction, statistic: Statistic = "mean"
 
     Args:
         scores: `[M, S]`, S settings in ascending order.
-        direction: what the claim says the scores do from the first setting to the last.
-        statistic: what of the members' differences is the effect.
+        direction: of the scores from the first setting to the last, according to the claim.
+        statistic: of the members' differences, as the effect.
 
     Returns:
         The outcome; its effect is last setting minus first, whatever the direction.
     """
+    _check(direction, get_args(Direction))
     matrix = np.asarray(scores, dtype=float)
     if matrix.ndim != 2 or matrix.shape[1] < 2:
         return undecided("Page's trend test", len(matrix), "needs at least two settings")
@@ -91,12 +99,13 @@ def paired(first: ArrayLike, second: ArrayLike, order: Order, statistic: Statist
     Args:
         first: `[M]`.
         second: `[M]`, in the same order of members.
-        order: what the claim says of the first.
-        statistic: what of the members' differences is the effect.
+        order: of the first relative to the second, according to the claim.
+        statistic: of the members' differences, as the effect.
 
     Returns:
         The outcome; its effect is first minus second, so its sign is the claim's where the claim is right.
     """
+    _check(order, get_args(Order))
     return _signed_rank(np.asarray(first, dtype=float) - np.asarray(second, dtype=float), order, statistic)
 
 
@@ -121,24 +130,14 @@ def at_least(scores: ArrayLike, level: float) -> Outcome:
 
     The claim holds when the whole 95 % interval is, does not hold when none of it is, and is else not decided.
     """
-
-    def decide(low: float, high: float) -> Verdict:
-        if low >= level:
-            return Verdict.HOLDS
-        return Verdict.DOES_NOT_HOLD if high < level else Verdict.NOT_DECIDED
-
-    return _by_interval(f"95 % interval from {level:g} up", np.asarray(scores, dtype=float), decide)
+    test = f"95 % interval from {level:g} up"
+    return _by_interval(test, np.asarray(scores, dtype=float), lambda low, high: _decide(low >= level, high < level))
 
 
 def below(scores: ArrayLike, level: float) -> Outcome:
     """Test whether the mean over members of scores `[M]` is less than `level`; decided as `at_least` is."""
-
-    def decide(low: float, high: float) -> Verdict:
-        if high < level:
-            return Verdict.HOLDS
-        return Verdict.DOES_NOT_HOLD if low >= level else Verdict.NOT_DECIDED
-
-    return _by_interval(f"95 % interval below {level:g}", np.asarray(scores, dtype=float), decide)
+    test = f"95 % interval below {level:g}"
+    return _by_interval(test, np.asarray(scores, dtype=float), lambda low, high: _decide(high < level, low >= level))
 
 
 def everywhere(each: Sequence[Outcome], mean: Outcome) -> Outcome:
@@ -169,9 +168,7 @@ def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
 
 def verdict(p: float, p_opposite: float) -> Verdict:
     """Decide from the two one-sided p values."""
-    if p < LEVEL:
-        return Verdict.HOLDS
-    return Verdict.DOES_NOT_HOLD if p_opposite < LEVEL else Verdict.NOT_DECIDED
+    return _decide(p < LEVEL, p_opposite < LEVEL)
 
 
 def equivalence(low: float, high: float, margin: float) -> Verdict:
@@ -180,16 +177,17 @@ def equivalence(low: float, high: float, margin: float) -> Verdict:
     They are when the interval lies within the margin to both sides; they are not when it leaves out zero and reaches
     beyond the margin.
     """
-    if -margin <= low and high <= margin:
-        return Verdict.HOLDS
-    return Verdict.DOES_NOT_HOLD if low > 0 or high < 0 else Verdict.NOT_DECIDED
+    return _decide(-margin <= low and high <= margin, low > 0 or high < 0)
+
+
+def _decide(holds: bool, fails: bool) -> Verdict:
+    """The verdict of a claim that holds, or else fails, or is undecided."""
+    return Verdict.HOLDS if holds else Verdict.DOES_NOT_HOLD if fails else Verdict.NOT_DECIDED
 
 
 def conjunction(verdicts: Sequence[Verdict]) -> Verdict:
     """A claim of several parts holds when all do, and does not hold when one does not."""
-    if Verdict.DOES_NOT_HOLD in verdicts:
-        return Verdict.DOES_NOT_HOLD
-    return Verdict.NOT_DECIDED if Verdict.NOT_DECIDED in verdicts else Verdict.HOLDS
+    return _decide(all(each is Verdict.HOLDS for each in verdicts), Verdict.DOES_NOT_HOLD in verdicts)
 
 
 def undecided(test: str, members: int, note: str, effect: float | None = None) -> Outcome:
@@ -246,7 +244,7 @@ def _by_interval(test: str, scores: Scores, decide: Callable[[float, float], Ver
 
 
 def _problem(scores: Scores) -> str:
-    """Why scores `[M, ...]` cannot be tested; empty where they can."""
+    """The reason why scores `[M, ...]` cannot be tested; empty if they can."""
     bad = sum(not np.isfinite(row).all() for row in scores)
     if bad:
         return f"{bad} of {len(scores)} members lack a finite score"

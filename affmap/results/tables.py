@@ -1,4 +1,4 @@
-"""Tidy tables of completed settings: runs, losses, and everything else that reports are made of, each read once.
+"""Tidy tables of completed settings, for reports: runs, losses, maps, trajectories; each stage is read once.
 
 Lengths are in units (u), times in steps, likelihoods in nats (both coordinates summed, constants included).
 """
@@ -16,9 +16,9 @@ from affmap.env.layout import Layout
 from affmap.results import files
 from affmap.results.design import Design
 from affmap.results.files import (
+    LAYOUT_COLUMNS,
     STEP_COLUMNS,
     VALIDATION_COLUMNS,
-    WORLD_COLUMNS,
     Deviations,
     Exploration,
     Maps,
@@ -34,31 +34,31 @@ from affmap.results.setting import (
     Factor,
     Setting,
 )
+from affmap.settings import ConfigError
 from affmap.store.provenance import canonical
 
 
 @dataclass(frozen=True)
 class Results(Design):
-    """Everything that a report is made of; each stage folder is read once, when it is first asked for."""
+    """The results of a sweep; each stage folder is read once, on first use."""
 
     @cached_property
     def runs(self) -> pd.DataFrame:
-        """One row per run of control: setting, place, metrics; factors without a column of their own have one, too."""
+        """One row per run of control: setting, all factors, place, metrics."""
         table = pd.concat([self._with_factors(read_runs(setting), setting) for setting in self.settings])
         order = ["context_size", "planner", "layout", *self._own_columns, "member", "run"]
         places = {value: place for place, value in enumerate(self.x_values)}
-        if any(isinstance(value, str) for value in places):  # names have no order of their own
-            order = [self.x.column, *(column for column in order if column != self.x.column)]
-            names = {self.x.column}
-        else:
-            names = set()
+        if all(not isinstance(value, str) for value in places):
+            return table.sort_values(order, ignore_index=True)
+        x = self.x.column  # its names have no order of their own
+        order = [x, *(column for column in order if column != x)]
         return table.sort_values(
-            order, key=lambda column: column.map(places) if column.name in names else column, ignore_index=True
+            order, key=lambda column: column.map(places) if column.name == x else column, ignore_index=True
         )
 
     @cached_property
     def baseline_runs(self) -> pd.DataFrame:
-        """One row per run of agents without a learned model, as `runs`; the column `planner` says which agent flew."""
+        """One row per run of agents without a learned model, as `runs`; the agent is in the column `planner`."""
         if not self.baselines:
             return self.runs.iloc[:0]
         table = pd.concat([read_runs(setting) for setting in self.baselines], ignore_index=True)
@@ -66,11 +66,11 @@ class Results(Design):
 
     @property
     def _own_columns(self) -> list[str]:
-        """Columns of factors that the table of a control stage has no column for."""
+        """Columns of factors that the table of a control stage lacks."""
         return [factor.column for factor in self.factors if factor.key not in FACTORS]
 
     def _with_factors(self, table: pd.DataFrame, setting: Setting) -> pd.DataFrame:
-        """A table with the columns of the factors that it lacks, after those that it has."""
+        """Add the columns of factors that a table of runs lacks."""
         for factor in self.factors:
             if factor.key not in FACTORS:
                 table.insert(list(table).index("member"), factor.column, setting.values[factor.key])
@@ -82,8 +82,8 @@ class Results(Design):
     def validation(self) -> pd.DataFrame:
         """One row per training, member and epoch: `layout`, `context_size`, then `VALIDATION_COLUMNS`.
 
-        `layout` is the first one flown in with the models of that training. Another factor has a column, too, where
-        trainings have one value of it each.
+        `layout` is the first one in which the models of that training fly. Another factor has a column, too, if each
+        training has a single value of it.
         """
         trainings: dict[Path, Setting] = {}
         for setting in self.settings:
@@ -100,9 +100,9 @@ class Results(Design):
 
     @cached_property
     def steps(self) -> pd.DataFrame:
-        """Validation losses by kind of step, one row per training, member, epoch, training world and kind.
+        """Validation losses by kind of step, one row per training, member, epoch, training layout and kind.
 
-        The columns of `validation` that tell trainings apart, then `STEP_COLUMNS`.
+        The columns `trainings`, then `STEP_COLUMNS`.
         """
         first: dict[Path, tuple[Path, Setting]] = {}
         for setting in self.settings:
@@ -118,7 +118,7 @@ class Results(Design):
         return table.sort_values([*self.trainings, "member", "epoch"], kind="stable", ignore_index=True)
 
     def deviations(self, setting: Setting) -> Deviations:
-        """The deviations that the models of a setting predict at the nodes of its map."""
+        """The deviations predicted by the models of a setting at the nodes of its map."""
         return files.read_deviations(setting.predict)
 
     def _is_trained(self, factor: Factor) -> bool:
@@ -128,12 +128,12 @@ class Results(Design):
 
     @property
     def trainings(self) -> list[str]:
-        """Columns of `validation` that tell trainings apart."""
+        """Columns of `validation` that identify a training."""
         return [str(column) for column in self.validation if column not in VALIDATION_COLUMNS]
 
     @property
     def training_factor(self) -> Factor:
-        """The factor that tells trainings apart in a picture: that of the x axis, or the context size."""
+        """The grouping variable of trainings in a picture: that of the x axis, or the context size."""
         return self.x if self.x.column in self.trainings else CONTEXT_SIZE
 
     @cached_property
@@ -143,10 +143,7 @@ class Results(Design):
         return self.validation[self.validation["epoch"] == last].reset_index(drop=True)
 
     def maps(self, layout: str | None = None) -> dict[int, Maps]:
-        """Context size (above 0: there is no map without a code) -> affordance maps of the settings of a layout.
-
-        Without a layout: of all settings' first one.
-        """
+        """Context size -> affordance maps of the first setting (in a layout) with it; there is no map of size 0."""
         settings = {size: self.setting(size, layout=layout) for size in self.context_sizes if size > 0}
         return {size: self.read_maps(setting) for size, setting in settings.items() if setting}
 
@@ -164,20 +161,24 @@ class Results(Design):
         return cache(files.read_maps)
 
     def exploration(self, setting: Setting) -> Exploration:
-        """Places that the data set of a setting has been to."""
+        """Places visited by the data set of a setting."""
         return files.read_coverage(setting.data[0])
 
-    def map_world(self, setting: Setting) -> Layout:
-        """The layout whose maps a setting has painted."""
+    def map_layout(self, setting: Setting) -> Layout:
+        """The layout of a setting's maps."""
         return Layout.model_validate(self.provenance[setting.map[0]]["config"]["map_layout"])
 
-    def training_worlds(self, setting: Setting) -> list[Layout]:
-        """The layouts that a setting's data come from."""
+    def training_layouts(self, setting: Setting) -> list[Layout]:
+        """The layouts of a setting's data."""
         return [Layout.model_validate(each) for each in self.provenance[setting.data[0]]["config"]["training_layouts"]]
 
-    def worlds(self, setting: Setting) -> list[Layout]:
+    def run_layouts(self, setting: Setting) -> list[Layout]:
         """The layout of each of a setting's B runs."""
         return [layout for folder in setting.control for layout in self._read_layouts(folder)]
+
+    def has_own_layouts(self, setting: Setting | None = None) -> bool:
+        """Whether the runs of a setting (by default of any) have layouts of their own, rather than share one."""
+        return any(len(set(self.run_layouts(each))) > 1 for each in ([setting] if setting else self.settings))
 
     @cached_property
     def _read_layouts(self) -> Callable[[Path], list[Layout]]:
@@ -193,12 +194,12 @@ class Results(Design):
 
     @cached_property
     def provenance(self) -> dict[Path, dict[str, Any]]:
-        """Stage folder -> what it says about its origin; in the order of the stages."""
+        """Stage folder -> its provenance, in the order of the stages."""
         return read_provenance([*self.settings, *([self.growth] if self.growth else []), *self.baselines])
 
 
 def join(settings: Sequence[Setting]) -> tuple[Setting, ...]:
-    """Put settings together whose members were divided among jobs; no member is in two of them."""
+    """Join settings whose members were divided among jobs; no member is in two of them."""
     parts: dict[str, list[tuple[int, Setting]]] = {}
     for setting in settings:
         configs = [files.read_origin(folder)["config"] for folder in (*setting.map, *setting.control)]
@@ -217,29 +218,31 @@ def _joined(parts: Sequence[tuple[int, Setting]]) -> Setting:
 
 
 def read_provenance(settings: Sequence[Setting]) -> dict[Path, dict[str, Any]]:
-    """Stage folder -> what it says about its origin; in the order of the stages."""
+    """Stage folder -> its provenance, in the order of the stages."""
     folders = dict.fromkeys(folder for stage in STAGES for setting in settings for folder in setting.folders[stage])
     return {folder: files.read_origin(folder) for folder in folders}
 
 
 def read_runs(setting: Setting) -> pd.DataFrame:
-    """The runs of a setting, one a row, a column for each metric; those that a stored table lacks are computed."""
+    """The runs of a setting, a row each, a column per metric; those that a stored table lacks are computed."""
     return pd.concat([_read_runs(folder) for folder in setting.control], ignore_index=True)
 
 
 def _read_runs(folder: Path) -> pd.DataFrame:
-    before, after = [*(factor.column for factor in FACTORS.values()), *PLACES], WORLD_COLUMNS
+    before, after = [*(factor.column for factor in FACTORS.values()), *PLACES], LAYOUT_COLUMNS
     table = files.read_runs(folder, [*before, *after])
-    if lacking := [column for column in run_metrics() if column not in table]:
-        table = table.join(summarise(files.read_trajectories([folder]), lacking).round(6))  # as stored ones
+    if columns := [column for column in run_metrics() if column not in table]:
+        table = table.join(summarise(files.read_trajectories([folder]), columns).round(6))  # as stored ones
     return table[[*before, *stored_metrics(), *after, *extra_metrics()]].astype({"steps_to_reach": "Int64"})
 
 
 def score_matrix(table: pd.DataFrame, metric: str, columns: Sequence[str] = ("context_size",)) -> pd.DataFrame:
     """Average a metric over the runs of each member: one row per member, one column per setting, ascending.
 
-    A member that lacks a setting, or a number in one of its runs, has NaN there: no run is left out silently.
+    A member that lacks a setting, or a number in one of its runs, has NaN there: no run is dropped silently.
     """
+    if lacking := [column for column in (metric, *columns) if column not in table]:
+        raise ConfigError(f"the runs have no column {lacking[0]!r}; they have {', '.join(map(str, table.columns))}.")
     means = table.groupby(["member", *columns])[metric].agg(lambda scores: scores.astype(float).mean(skipna=False))
     return means.unstack(list(columns)).sort_index(axis=1)
 

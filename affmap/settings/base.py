@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from affmap.settings.messages import ConfigError, one_line, sentences, shown
+from affmap.settings.messages import ConfigError, format_value, one_line, sentences
 from affmap.settings.types import NAME
 
 
@@ -31,8 +31,8 @@ from affmap.settings.types import NAME
 class Neutral:
     """The value of a key that stands for how things were before the key existed: `Annotated[bool, Neutral(False)]`.
 
-    At this value the key is left out of what is written, so that no digest depends on it; where it is missing in what
-    is read, it has this value. So a key can be added, to layouts, too, without a new name for any stored result.
+    A key at this value is not written, so that no digest depends on it; a missing key is read as this value. So keys
+    can be added, to layouts, too, without renaming any stored result.
     """
 
     value: Any
@@ -113,8 +113,7 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(values)
         except ValidationError as error:
-            found = error.errors(include_url=False)
-            raise ConfigError(sentences(found, values, origin, origins or {})) from None
+            raise ConfigError(sentences(error.errors(include_url=False), values, origin, origins or {})) from None
 
 
 def _plain(value: Any) -> Any:
@@ -139,15 +138,15 @@ def read(group: str, name: str) -> dict[str, Any]:
             plain YAML.
     """
     path = folder() / group / f"{name}.yaml"
-    known = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
+    options = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
     if not re.fullmatch(NAME, name):
-        raise ConfigError(f"{shown(name)} cannot be the name of a file; conf/{group} holds: {known}.")
+        raise ConfigError(f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {options}.")
     if not path.is_file():
-        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {known}.")
+        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {options}.")
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"conf/{group}/{name}.yaml is not plain YAML: {one_line(str(error))}.") from None
     if not isinstance(content, dict):
-        raise ConfigError(f"conf/{group}/{name}.yaml holds {shown(content)}; it should hold `key: value` lines.")
+        raise ConfigError(f"conf/{group}/{name}.yaml holds {format_value(content)}; it should hold `key: value` lines.")
     return content

@@ -7,23 +7,23 @@ from typing import Any
 from pydantic_core import ErrorDetails
 
 MOST = 10
-"""Sentences of one error; who reads them has mended the first before the last."""
+"""Sentences of one error; further ones are only counted."""
 
 
 class ConfigError(ValueError):
-    """A configuration that cannot be used; the message names the key, the value and what would be right."""
+    """A configuration that cannot be used; the message names key, value and remedy."""
 
 
-def shown(value: Any, length: int = 100) -> str:
-    """A value as an error shows it: on one line, printable, and not longer than `length`."""
+def format_value(value: Any, length: int = 100) -> str:
+    """A value for an error message: on one line, printable, and not longer than `length`."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):  # a number of more than 4,300 digits, a list in a list in a list ...
         return f"<{type(value).__name__} too large to be shown>"
-    return text if len(text) <= length else f"{shortened(text, length)} ({len(text)} characters)"
+    return text if len(text) <= length else f"{shorten(text, length)} ({len(text)} characters)"
 
 
-def shortened(text: str, length: int) -> str:
+def shorten(text: str, length: int) -> str:
     """The beginning and the end of a text that is longer than `length`."""
     if len(text) <= length:
         return text
@@ -33,29 +33,29 @@ def shortened(text: str, length: int) -> str:
 def one_line(text: str, length: int = 600) -> str:
     """A text on one line, without characters that cannot be printed, and not longer than `length`."""
     words = " ".join(text.split())
-    return shortened("".join(c if c.isprintable() else repr(c)[1:-1] for c in words), length)
+    return shorten("".join(c if c.isprintable() else repr(c)[1:-1] for c in words), length)
 
 
-def sentences(found: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str]) -> str:
-    """A line for each wrong value: where it comes from, and what is wrong with it.
+def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str]) -> str:
+    """A line for each invalid value: its origin, and the error.
 
     Args:
-        found: what pydantic has found.
-        values: what it was found in.
+        errors: from pydantic.
+        values: those that were validated.
         origin: where the values come from.
         origins: the same for single keys that come from elsewhere.
     """
     lines = [
         f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values))}"
-        for item in found[:MOST]
+        for item in errors[:MOST]
     ]
-    return "\n".join([*lines, *([f"... and {len(found) - MOST} more."] if len(found) > MOST else [])])
+    return "\n".join([*lines, *([f"... and {len(errors) - MOST} more."] if len(errors) > MOST else [])])
 
 
 def sentence(item: ErrorDetails, values: Any) -> str:
-    """What is wrong with a value, in a sentence: key = value, what is wrong, what would be right."""
-    key, value = _key(item["loc"], values, item["type"] == "missing"), shown(item["input"])
-    problem = shortened(re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"]), 400)
+    """An invalid value in a sentence: key = value, error, remedy."""
+    key, value = _key(item["loc"], values, item["type"] == "missing"), format_value(item["input"])
+    problem = shorten(re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"]), 400)
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
@@ -64,7 +64,7 @@ def sentence(item: ErrorDetails, values: Any) -> str:
         return f"{key}.kind is missing; add the key."
     if item["type"] == "union_tag_invalid":
         tags = item["ctx"]["expected_tags"].replace(", ", " or ")
-        return f"{key}.kind = {shown(item['ctx']['tag'])} is not allowed: it should be {tags}."
+        return f"{key}.kind = {format_value(item['ctx']['tag'])} is not allowed: it should be {tags}."
     if item["type"] == "value_error" and isinstance(item["input"], Mapping):
         return f"{key}: {problem}" if key else problem  # a check of several keys names them and their values itself
     if isinstance(item.get("ctx", {}).get("error"), ConfigError):
@@ -76,10 +76,10 @@ def _key(location: Sequence[int | str], values: Any, is_missing: bool) -> str:
     """The dotted key of a place in `values`, which may lack the last part."""
     key = ""
     for place, part in enumerate(location):
-        lacking = is_missing and place == len(location) - 1
-        if isinstance(part, str) and not lacking and not (isinstance(values, Mapping) and part in values):
-            continue  # pydantic also names which of several alternatives it has tried
-        key += f"[{part}]" if isinstance(part, int) else f".{shown(part)[1:-1]}"
+        is_missing_part = is_missing and place == len(location) - 1
+        if isinstance(part, str) and not is_missing_part and not (isinstance(values, Mapping) and part in values):
+            continue  # pydantic also names the alternatives that it has tried
+        key += f"[{part}]" if isinstance(part, int) else f".{format_value(part)[1:-1]}"
         try:
             values = values[part]
         except (KeyError, IndexError, TypeError):

@@ -1,6 +1,6 @@
 """Settings of several kinds that a configuration chooses from by their key `kind`."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
@@ -14,7 +14,7 @@ S = TypeVar("S", bound=Settings)
 
 
 class Registry:
-    """Kinds of settings: those of a folder of the package, and whatever else is registered."""
+    """Kinds of settings: those of a folder of the package, and others that are registered."""
 
     def __init__(self, package: str) -> None:
         """Begin with none; a module of `package` is loaded when its kind is chosen."""
@@ -22,7 +22,7 @@ class Registry:
         self._registered: list[type[Settings]] = []
 
     def register(self, settings: type[S]) -> type[S]:
-        """Make a class known to configurations, by the value of its field `kind`; to be put above the class.
+        """Make a class known to configurations, by the value of its field `kind`; a class decorator.
 
         Modules of the folder are loaded when a configuration is checked; a class elsewhere is known once its module has
         been imported.
@@ -34,27 +34,26 @@ class Registry:
             raise ValueError(f"{settings.__name__} is no Settings class; derive it from affmap.settings.Settings.")
         if not _kinds(settings):
             raise ValueError(f"{settings.__name__} has no field kind; give it one, such as kind: Literal['mine'].")
-        known = [each for each in self._registered if each.__qualname__ != settings.__qualname__]  # defined anew
-        if clash := [each.__name__ for each in known if _kinds(each) & _kinds(settings)]:
+        others = [
+            each for each in self._registered if each.__qualname__ != settings.__qualname__
+        ]  # else it is defined anew
+        if clash := [each.__name__ for each in others if _kinds(each) & _kinds(settings)]:
             raise ValueError(f"{settings.__name__} has the kind of {clash[0]}; give it one of its own.")
-        self._registered[:] = [*known, settings]
+        self._registered[:] = [*others, settings]
         return settings
 
     def choose(self, values: Any) -> Any:
-        """The settings of plain values, by their `kind`."""
+        """Settings from plain values, by their `kind`."""
         if isinstance(values, tuple(self._registered)):
             return values
         kind = values.get("kind") if isinstance(values, Mapping) else getattr(values, "kind", None)
         modules = [module.name for module in iter_modules(import_module(self._package).__path__)]
-        # The module with the name of the kind is enough where that is known then; some of the others import torch.
+        # The module named like the kind is usually enough; some of the others import torch.
         for names in ([kind] if kind in modules else [], modules):
             if not any(kind in [*_kinds(each)] for each in self._registered):
-                self._load(names)
+                for name in names:
+                    import_module(f"{self._package}.{name}")
         return _adapter(*sorted(self._registered, key=lambda each: sorted(_kinds(each)))).validate_python(values)
-
-    def _load(self, modules: Iterable[str]) -> None:
-        for name in modules:
-            import_module(f"{self._package}.{name}")
 
 
 def _kinds(settings: type[Settings]) -> set[str]:
@@ -66,5 +65,5 @@ def _kinds(settings: type[Settings]) -> set[str]:
 @cache
 def _adapter(*kinds: type[Settings]) -> TypeAdapter[Any]:
     union: Any = Union[kinds]  # noqa: UP007
-    chosen: Any = Annotated[union, Field(discriminator="kind")] if len(kinds) > 1 else union
-    return TypeAdapter(chosen)
+    union = Annotated[union, Field(discriminator="kind")] if len(kinds) > 1 else union
+    return TypeAdapter(union)

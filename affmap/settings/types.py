@@ -11,8 +11,8 @@ NAME = f"^{_PART}$"
 """Names that are safe in a path on every system."""
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Limits of what is measured. No length, mass, time, rate or weight of an experiment comes near them in any unit, and
-single precision can still square and divide what lies between them."""
+"""Limits of measures. No length, mass, time, rate or weight of an experiment comes near them in any unit, and numbers
+between them can be squared and divided in single precision."""
 
 
 def _number(value: Any) -> Any:
@@ -34,27 +34,23 @@ def _not_tiny(value: float) -> float:
 
 
 def check_line(text: str) -> str:
-    """A text for people to read, as it came.
+    """Return a text for people to read, if it is safe to print.
 
     Raises:
-        ValueError: it has characters that end its line, control a terminal or turn the direction of what follows.
+        ValueError: it has characters that end its line, control a terminal or reverse the direction of the text.
     """
-    wrong = [
-        c
-        for c in text
-        if unicodedata.category(c) in {"Cc", "Cs", "Zl", "Zp"}
-        or unicodedata.bidirectional(c) in {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
-    ]
-    if wrong:
-        raise ValueError(f"should be a line of text, without characters such as {wrong[0]!r} that do not print")
+    directions = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
+    for c in text:
+        if unicodedata.category(c) in {"Cc", "Cs", "Zl", "Zp"} or unicodedata.bidirectional(c) in directions:
+            raise ValueError(f"should be a line of text, without characters such as {c!r} that do not print")
     return text
 
 
 def check_folder(path: Path) -> Path:
-    """The path of a folder, as it came.
+    """Return the path of a folder, if it can be used.
 
     Raises:
-        ValueError: it cannot be written to, or does not end in a name (which copies of the folder are called by).
+        ValueError: it is too long, or does not end in a name (copies of the folder get it).
     """
     check_line(str(path))
     if path.name in ("", ".."):
@@ -74,16 +70,16 @@ Share = Annotated[Number, Field(ge=0, le=1)]
 """A part of the whole."""
 
 Count = Annotated[int, BeforeValidator(_number), Field(gt=0, le=10**6)]
-"""How many there are of something: a million at most, a thousand times what takes days."""
+"""A number of things: a million at most, a thousand times as many as take days."""
 CountOrNone = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**6)]
-"""The same, or 0."""
+"""A number of things, or 0."""
 Seed = Annotated[int, BeforeValidator(_number), Field(ge=0, le=10**18)]
-"""What random numbers are derived from: it must fit 64 bits, also after a member's number has been added to it."""
+"""A seed of random numbers: it must fit 64 bits, also after a member's number has been added to it."""
 
 Line = Annotated[str, Field(strict=True, min_length=1, max_length=500), AfterValidator(check_line)]
 """A text on one line."""
 Name = Annotated[str, Field(strict=True, pattern=NAME)]
 """The name of something that has a file or folder of its own."""
 NamePath = Annotated[str, Field(strict=True, pattern=f"^{_PART}(/{_PART}){{0,3}}$")]
-"""The same, perhaps in folders of folders."""
+"""The name of something, perhaps in folders of folders."""
 Folder = Annotated[Path, AfterValidator(check_folder)]

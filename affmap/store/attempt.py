@@ -24,31 +24,31 @@ _NOTE = "attempt.json"
 
 @dataclass
 class Attempt:
-    """A stage in the making, begun now or gone on with.
+    """An attempt at a stage, new or resumed.
 
-    Others read in `attempt.json` of the scratch folder how far it is.
+    Its progress is in `attempt.json` of the scratch folder, for others to read.
     """
 
     folder: Path
-    """Where results go."""
+    """Folder of the results."""
     seconds_before: float = 0.0
-    """What earlier attempts took."""
+    """Duration of earlier attempts."""
     _begin: float = field(default_factory=time.monotonic)
-    _noted: float = -SECONDS_BETWEEN_NOTES
+    _last_note: float = -SECONDS_BETWEEN_NOTES
     _note: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def begin(cls, folder: Path) -> "Attempt":
-        """Begin, or go on after an earlier attempt, of which only the scratch folder is kept."""
-        before = last_attempt(folder) or {}
-        attempt = cls(folder, before.get("seconds", 0.0))
+        """Begin, or resume an earlier attempt, of which only the scratch folder is kept."""
+        earlier = last_attempt(folder) or {}
+        attempt = cls(folder, earlier.get("seconds", 0.0))
         attempt.scratch.mkdir(parents=True, exist_ok=True)
         for path in folder.iterdir():
             if path != attempt.scratch:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
         attempt._note = {
-            "versions": before.get("versions") or versions(),
-            "started": before.get("started") or time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+            "versions": earlier.get("versions") or versions(),
+            "started": earlier.get("started") or time.strftime("%Y-%m-%dT%H:%M:%S%z"),
             "machine": platform.node(),
             "process": os.getpid(),
             "log": _log_file(),
@@ -61,27 +61,27 @@ class Attempt:
 
     @property
     def scratch(self) -> Path:
-        """For what an interruption should not cost, such as checkpoints."""
+        """Folder for files that survive an interruption, such as checkpoints."""
         return self.folder / _UNFINISHED
 
     @property
     def started(self) -> str:
-        """When the first attempt began."""
+        """Time at which the first attempt began."""
         return str(self._note["started"])
 
     @property
     def seconds(self) -> float:
-        """What all attempts took until now, each counted up to its last note."""
+        """Duration of all attempts so far, each up to its last note."""
         return self.seconds_before + time.monotonic() - self._begin
 
     def progress(self, finished: int, total: int) -> None:
-        """Note how far the work is; notes that follow each other closely are left out."""
-        if time.monotonic() - self._noted > SECONDS_BETWEEN_NOTES:
+        """Note the progress; notes in quick succession are skipped."""
+        if time.monotonic() - self._last_note > SECONDS_BETWEEN_NOTES:
             self._note |= {"finished": finished, "total": total}
             self._write()
 
     def fail(self, error: BaseException) -> None:
-        """Note why this attempt ended, as well as a disk that may be full allows."""
+        """Note why this attempt ended; a full disk may prevent it."""
         self._note["error"] = f"{type(error).__name__}: {error}"
         try:
             self._write()
@@ -89,17 +89,17 @@ class Attempt:
             logging.getLogger("affmap").warning("The failure could not be noted in %s.", self.scratch)
 
     def _write(self) -> None:
-        self._noted = time.monotonic()
+        self._last_note = time.monotonic()
         write_json(self.scratch / _NOTE, with_checksum({**self._note, "seconds": round(self.seconds, 2)}))
 
 
 def is_scratch(name: str) -> bool:
-    """Whether a file of a stage's folder is among what is removed when the stage is complete."""
+    """Whether a file of a stage's folder is in its scratch folder."""
     return name.startswith(f"{_UNFINISHED}/")
 
 
 def last_attempt(folder: Path) -> dict[str, Any] | None:
-    """What the last attempt at a stage noted in its folder; None where there was none, or its note is damaged."""
+    """The note of the last attempt at a stage; None if there was none, or the note is corrupted."""
     try:
         note = json.loads((folder / _UNFINISHED / _NOTE).read_text("utf-8"))
     except (OSError, ValueError):
@@ -108,6 +108,6 @@ def last_attempt(folder: Path) -> dict[str, Any] | None:
 
 
 def _log_file() -> str | None:
-    """The file that this process's log goes to."""
-    files = [each.baseFilename for each in logging.getLogger().handlers if isinstance(each, logging.FileHandler)]
-    return files[0] if files else None
+    """The log file of this process."""
+    handlers = logging.getLogger().handlers
+    return next((each.baseFilename for each in handlers if isinstance(each, logging.FileHandler)), None)

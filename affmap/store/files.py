@@ -1,6 +1,6 @@
-"""Files of a run: written whole or not at all, read without executing anything, with digests and locks.
+"""Files of a run: atomic writes, safe reads of untrusted files, digests and locks.
 
-Files may come from strangers: `guarded_read` and `read_arrays` raise ConfigError where one is corrupted.
+`guarded_read` and `read_arrays` raise ConfigError where a file is corrupted, and execute nothing in it.
 """
 
 import hashlib
@@ -23,55 +23,55 @@ from affmap.settings.messages import ConfigError, one_line
 
 log = logging.getLogger("affmap")
 
-DAMAGE = (
+CORRUPTION = (
     *(OSError, EOFError, ValueError, LookupError, TypeError, RuntimeError),
     *(BadZipFile, zlib.error, pickle.UnpicklingError, SafetensorError),
 )
-"""What readers of arrays, tables, weights, checkpoints and JSON raise where a file is not what it should be."""
+"""Errors of readers of arrays, tables, weights, checkpoints and JSON where a file is corrupted."""
 
 
 @contextmanager
-def written(path: Path) -> Iterator[Path]:
-    """A temporary place to write a file to; at the end of the block it is on the disk, and takes `path`'s place.
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yield a temporary file to write; at the end of the block it is synced to the disk and replaces `path`.
 
     A kill or a power cut at any moment leaves either the old file or the new one.
     """
     temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
         yield temporary
-        _to_disk(temporary)
+        _sync(temporary)
         os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    _to_disk(path.parent)
+    _sync(path.parent)
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write a JSON file, whole or not at all."""
-    with written(path) as temporary:
+    """Write a JSON file atomically."""
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
 
 
 def sha256(path: Path) -> str:
-    """The digest of a file's bytes."""
+    """The SHA-256 digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """Name -> SHA-256 of every file below a folder, in the order of the names."""
+    """Name -> SHA-256 of every file below a folder, sorted by name."""
     paths = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
     return {name: sha256(paths[name]) for name in sorted(paths)}
 
 
-def to_disk(folder: Path) -> None:
+def sync(folder: Path) -> None:
     """Wait until all files below a folder, and their names, are on the disk."""
     for path in [*folder.rglob("*"), folder]:
-        _to_disk(path)
+        _sync(path)
 
 
-def _to_disk(path: Path) -> None:
+def _sync(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -81,7 +81,7 @@ def _to_disk(path: Path) -> None:
 
 @contextmanager
 def locked(path: Path, other: str) -> Iterator[None]:
-    """Hold a lock, and wait for it if `other` has it, which is told."""
+    """Hold a lock for the block; waiting for `other` to release it is logged."""
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
@@ -96,19 +96,19 @@ def locked(path: Path, other: str) -> Iterator[None]:
 
 @contextmanager
 def guarded_read(path: Path) -> Iterator[None]:
-    """Report a corrupted file of a run; to be put around code that reads it, and does nothing else.
+    """Turn errors of a block that does nothing but read a file into a ConfigError.
 
     Raises:
-        ConfigError: the file is not what it should be; the message names it and says what to do.
+        ConfigError: the file is corrupted; the message names file and remedy.
     """
     try:
         yield
     except ConfigError:
         raise
-    except DAMAGE as error:
+    except CORRUPTION as error:
         reason = one_line(str(error) or type(error).__name__, 200).rstrip(".")
         raise ConfigError(
-            f"{path} cannot be read ({reason}): it is damaged or not ours; remove its folder and run again."
+            f"{path} cannot be read ({reason}): it is corrupted or not ours; remove its folder and run again."
         ) from None
 
 
@@ -116,7 +116,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """All arrays of an `.npz`; none may hold Python objects, which would be pickled code.
 
     Raises:
-        ConfigError: the file is not what it should be.
+        ConfigError: the file is corrupted.
     """
-    with guarded_read(path), path.open("rb") as file, np.load(file, allow_pickle=False) as found:
-        return {name: found[name] for name in found.files}
+    with guarded_read(path), path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}

@@ -1,4 +1,4 @@
-"""A completed stage on disk: what it depends on, where it comes from, and whether every file is as it was written.
+"""A completed stage on disk: its configuration, its provenance, and the integrity of its files.
 
 `provenance.json` lists the digests of the files, and has a checksum of its own.
 """
@@ -23,38 +23,37 @@ from affmap.store.provenance import PROVENANCE, canonical, circumstances, has_va
 
 
 class StoreError(Exception):
-    """What lies in the store cannot be used; the message names the file and the remedy."""
+    """A file of the store cannot be used; the message names file and remedy."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A piece of work, and all that its result depends on."""
+    """A piece of work, with everything that its result depends on."""
 
     name: str
     config: Mapping[str, Any]
     """Plain, JSON-compatible values."""
     rules: Mapping[str, int] = field(default_factory=dict)
-    """Stage -> version of the rules that make its numbers, of this one and those that it starts from; without those
-    of version 1."""
+    """Stage -> version of its rules, for this stage and those before it; without versions 1."""
 
     @cached_property
     def digest(self) -> str:
-        """The stage's name on disk; equal configurations have equal digests, in whatever order their keys come."""
+        """The stage's name on disk; the order of the configuration's keys does not matter."""
         return hashlib.sha256(canonical({"name": self.name, **self.origin}).encode()).hexdigest()[:16]
 
     @property
     def configuration(self) -> str:
-        """The digest that the stage would have if all of its rules had version 1: that of its configuration."""
+        """The digest of the configuration alone, as if all rules had version 1."""
         return replace(self, rules={}).digest if self.rules else self.digest
 
     @property
     def origin(self) -> dict[str, Any]:
-        """All that the result depends on; where every rule has version 1, the configuration alone."""
+        """Configuration and rules; without rules where all have version 1."""
         return {"config": self.config, **({"rules": dict(self.rules)} if self.rules else {})}
 
 
 class _Record(BaseModel):
-    """The provenance of a stage, as far as it is relied on."""
+    """The provenance of a stage, as far as it is used."""
 
     model_config = ConfigDict(strict=True)
 
@@ -66,7 +65,7 @@ class _Record(BaseModel):
 
 
 def provenance(stage: Stage, attempt: Attempt) -> dict[str, Any]:
-    """Where a completed stage comes from: configuration, versions, git state, machine, command, cost, files.
+    """The provenance of a completed stage: configuration, versions, git state, machine, command, cost, files.
 
     Memory is the peak of the process so far.
     """
@@ -86,64 +85,62 @@ def provenance(stage: Stage, attempt: Attempt) -> dict[str, Any]:
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    """Of all files that are, or will be, those of the completed stage."""
+    """Digests of all files but those of the scratch folder."""
     return {name: digest for name, digest in digests(folder).items() if not is_scratch(name)}
 
 
 def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
-    """Make sure that a completed stage is as it was written; returns its provenance.
+    """Verify every file of a completed stage; returns its provenance.
 
     Args:
         folder: of the stage.
-        stage: what it must be; by default what the folder's name says.
+        stage: the expected one; by default that of the folder's name.
 
     Raises:
-        StoreError: a file is damaged, missing or too many.
+        StoreError: a file is corrupted, missing or unexpected.
     """
     record = read(folder)
-    made = Stage(record["stage"], record["config"], record.get("rules", {}))
-    if made.digest != record["digest"] or made.digest != (stage.digest if stage else folder.name):
+    digest = Stage(record["stage"], record["config"], record.get("rules", {})).digest
+    if digest != record["digest"] or digest != (stage.digest if stage else folder.name):
         raise StoreError(f"{folder / PROVENANCE} is that of another stage; {remedy(folder)}")
     expected, actual = record["files"], _digests(folder)
     del actual[PROVENANCE]
     for name in sorted(expected.keys() | actual.keys()):
         if expected.get(name) != actual.get(name):
-            problem = "is missing" if name not in actual else "does not belong there"
-            problem = "is damaged" if name in expected and name in actual else problem
+            problem = "is corrupted" if name in actual else "is missing"
+            problem = problem if name in expected else "does not belong there"
             raise StoreError(f"{folder / name} {problem}; {remedy(folder)}")
     return record
 
 
 def check_file(folder: Path, name: str) -> dict[str, Any]:
-    """Make sure that one file of a completed stage is as it was written; returns the stage's provenance.
+    """Verify one file of a completed stage; returns the stage's provenance.
 
     Raises:
-        StoreError: it is damaged or missing, or its provenance is.
+        StoreError: it is corrupted or missing, or its provenance is.
     """
     record = read(folder)
     path = folder / name
     if not path.is_file() or record["files"].get(name) != sha256(path):
-        raise StoreError(f"{path} is damaged or missing; {remedy(folder)}")
+        raise StoreError(f"{path} is corrupted or missing; {remedy(folder)}")
     return record
 
 
 def copy_stage(source: Path, target: Path, patterns: Sequence[str]) -> None:
-    """Copy a completed stage, but only those of its files that match one of `patterns`.
+    """Copy those files of a completed stage that match one of `patterns`.
 
     Raises:
-        StoreError: a file is damaged.
+        StoreError: a file is corrupted.
     """
     record = check(source)
-    names = [name for name in record["files"] if any(fnmatch(name, pattern) for pattern in patterns)]
+    files = {name: digest for name, digest in record["files"].items() if any(fnmatch(name, each) for each in patterns)}
     partial = target.with_suffix(".partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    for name in names:
+    for name in files:
         (partial / name).parent.mkdir(exist_ok=True)
         shutil.copy(source / name, partial / name)
-    write_json(
-        partial / PROVENANCE, with_checksum({**record, "files": {name: record["files"][name] for name in names}})
-    )
+    write_json(partial / PROVENANCE, with_checksum({**record, "files": files}))
     shutil.rmtree(target, ignore_errors=True)
     os.replace(partial, target)
 
@@ -152,21 +149,19 @@ def read(folder: Path) -> dict[str, Any]:
     """The provenance of a completed stage.
 
     Raises:
-        StoreError: it is damaged.
+        StoreError: it is corrupted.
     """
     path = folder / PROVENANCE
     try:
-        record = json.loads(path.read_text("utf-8"))
+        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
         _Record.model_validate(record)
-        valid = has_valid_checksum(record)
+        if has_valid_checksum(record):
+            return record
     except ValueError:
-        valid = False
-    if not valid:
-        raise StoreError(f"{path} is damaged, or another version of affmap wrote it; {remedy(folder)}")
-    values: dict[str, Any] = record
-    return values
+        pass
+    raise StoreError(f"{path} is corrupted, or another version of affmap wrote it; {remedy(folder)}")
 
 
 def remedy(folder: Path) -> str:
-    """What to do about a damaged folder."""
+    """The remedy for a corrupted folder, as part of a sentence."""
     return f"remove the folder {folder} (or restore it) and run the same command again."

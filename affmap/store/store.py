@@ -1,8 +1,8 @@
-"""Results on disk: each stage in a folder named by the digest of all that it depends on.
+"""A cache of results on disk: each stage in a folder named by the digest of everything that it depends on.
 
-A stage is written into `<digest>.partial` and renamed when complete, so that a folder with a digest's name is whole;
-its `provenance.json` lists the digests of its files. A lock makes jobs that need the same stage at the same time wait
-for the one that makes it. Knows nothing of what the stages are.
+A stage is written into `<digest>.partial` and renamed when complete, so that a folder named by a digest is complete;
+its `provenance.json` lists the digests of its files. Jobs that need a stage while another makes it wait on a lock.
+Knows nothing of the work in a stage.
 """
 
 import errno
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from affmap.store.attempt import Attempt, last_attempt
-from affmap.store.files import locked, to_disk, write_json
+from affmap.store.files import locked, sync, write_json
 from affmap.store.provenance import PROVENANCE, other_versions
 from affmap.store.stage import Stage, StoreError, check, provenance, read, remedy
 
@@ -23,23 +23,23 @@ log = logging.getLogger("affmap")
 
 
 class State(NamedTuple):
-    """How a stage stands."""
+    """The state of a stage."""
 
     name: str
-    """`complete`, `running`, `failed`, `stopped` (begun, and then interrupted), `missing` or `damaged`."""
+    """`complete`, `running`, `failed`, `stopped` (interrupted), `missing` or `corrupted`."""
     seconds: float = 0.0
-    """Spent on it until now, by all attempts together."""
+    """Duration of all attempts so far."""
     finished: int = 0
-    """Parts of the work that are done, out of `total`, where it is known."""
+    """Finished parts of the work, out of `total`; both 0 if unknown."""
     total: int = 0
     error: str = ""
-    """Why the last attempt failed, or what is damaged."""
+    """Error of the last attempt, or the corrupted file."""
     log: str = ""
-    """The log of the last attempt."""
+    """Log file of the last attempt."""
 
     @property
     def seconds_left(self) -> float | None:
-        """What the rest will take if it goes on as until now; None where that is not known."""
+        """Estimate of the remaining time at the pace so far; None if unknown."""
         return self.seconds / self.finished * (self.total - self.finished) if self.finished else None
 
 
@@ -49,21 +49,21 @@ class Store:
     def __init__(self, root: Path, read_only: Sequence[Path] = (), any_versions: bool = False) -> None:
         """Write below `root`; look in `read_only` first.
 
-        With `any_versions`, what other versions of packages have made is used, too; in `read_only` it always is.
+        With `any_versions`, stages made with other versions of packages are used, too; those in `read_only` always are.
         """
         self.root = root
         self._places = (*read_only, root)
         self._any_versions = any_versions
 
     def has(self, stage: Stage) -> bool:
-        """Whether a stage is complete; its files are not looked at."""
+        """Whether a stage is complete; its files are not verified."""
         return self._place(stage) is not None
 
     def find(self, stage: Stage) -> Path | None:
-        """The folder of a completed stage, every file as it was written; or None.
+        """The folder of a completed stage, every file verified; or None.
 
         Raises:
-            StoreError: a file is damaged, or other versions of packages have made the stage.
+            StoreError: a file is corrupted, or the stage was made with other versions of packages.
         """
         folder = self._place(stage)
         if folder:
@@ -73,14 +73,14 @@ class Store:
         return folder
 
     def state(self, stage: Stage, check: bool = False) -> State:
-        """How a stage stands, without waiting for whoever works on it; `check` looks at its files, too."""
+        """The state of a stage, without waiting for a job that makes it; `check` verifies its files, too."""
         if folder := self._place(stage):
             try:
                 if check:
                     self.find(stage)
                 return State("complete", read(folder)["seconds"])
             except StoreError as error:
-                return State("damaged", error=str(error))
+                return State("corrupted", error=str(error))
         final = self.root / stage.name / stage.digest
         note = last_attempt(final.with_suffix(".partial"))
         if note is None:
@@ -89,43 +89,43 @@ class Store:
         return State(name, note["seconds"], note["finished"], note["total"], note["error"] or "", note["log"] or "")
 
     def ensure(self, stage: Stage, build: Callable[[Attempt], None]) -> Path:
-        """The folder of a stage; where it is not complete, `build` fills it first.
+        """The folder of a stage; if it is not complete, `build` fills it first.
 
-        `build` gets an empty folder to write into, and another where it may keep what an interruption should not cost.
+        `build` gets an attempt: an empty folder to write to, and a scratch folder that survives interruptions.
 
         Raises:
             StoreError: see `find`; or the disk is full.
         """
-        if found := self.find(stage):
-            return found
+        if folder := self.find(stage):
+            return folder
         final = self.root / stage.name / stage.digest
         final.parent.mkdir(parents=True, exist_ok=True)
         lock = final.with_suffix(".lock")
         with locked(lock, f"another job that makes {stage.name}/{stage.digest}"):
-            found = self.find(stage)  # another job may have made it while this one waited
-            if not found:
+            folder = self.find(stage)  # another job may have made it while this one waited
+            if not folder:
                 self._complete(stage, final, build)
             lock.unlink(missing_ok=True)
-        return found or final
+        return folder or final
 
     def _complete(self, stage: Stage, final: Path, build: Callable[[Attempt], None]) -> None:
         if final.exists():
-            raise StoreError(f"{final} has no {PROVENANCE}: it is damaged; {remedy(final)}")
+            raise StoreError(f"{final} has no {PROVENANCE}: it is corrupted; {remedy(final)}")
         partial = final.with_suffix(".partial")
-        if not (partial / PROVENANCE).is_file():  # which is the last file of a stage
+        if not (partial / PROVENANCE).is_file():  # the last file of a stage
             self._build(stage, partial, build)
         check(partial, stage)
         shutil.rmtree(Attempt(partial).scratch, ignore_errors=True)
         os.replace(partial, final)
 
     def _build(self, stage: Stage, partial: Path, build: Callable[[Attempt], None]) -> None:
-        if before := last_attempt(partial):
-            self._check_versions(partial, before["versions"])
+        if earlier := last_attempt(partial):
+            self._check_versions(partial, earlier["versions"])
         attempt = None
         try:
             attempt = Attempt.begin(partial)
             build(attempt)
-            to_disk(partial)
+            sync(partial)
             write_json(partial / PROVENANCE, provenance(stage, attempt))
         except Exception as error:
             if attempt:
@@ -134,12 +134,12 @@ class Store:
                 raise StoreError(f"The disk of {partial} is full; make room and run the same command again.") from error
             raise
 
-    def _check_versions(self, folder: Path, made_with: Mapping[str, str | None]) -> None:
-        different = other_versions(made_with)
-        if different and not self._any_versions:
+    def _check_versions(self, folder: Path, recorded: Mapping[str, str | None]) -> None:
+        differences = other_versions(recorded)
+        if differences and not self._any_versions:
             raise StoreError(
-                f"{folder} was made with {different}, and numbers may depend on it; remove it to make it anew, go back "
-                "to those versions, or take it as it is with versions=any."
+                f"{folder} was made with {differences}, and numbers may depend on it; remove it to make it anew, go "
+                "back to those versions, or take it as it is with versions=any."
             )
 
     def _place(self, stage: Stage) -> Path | None:
@@ -148,14 +148,14 @@ class Store:
 
 
 def _is_full(root: Path, error: Exception) -> bool:
-    """Whether an error comes from a full disk; libraries tell that in ways of their own."""
+    """Whether an error comes from a full disk; libraries report it in ways of their own."""
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         return True
     return root.exists() and shutil.disk_usage(root).free < 2**16
 
 
 def _is_locked(path: Path) -> bool:
-    """Whether a job holds a lock now; found out without writing, in somebody else's store, too."""
+    """Whether a job holds a lock now; tested without writing, since the store may be read-only."""
     try:
         with path.open() as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

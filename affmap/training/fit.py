@@ -1,6 +1,6 @@
-"""One training from start to end: Lightning's loop, checkpoints to resume from, snapshots, the table of losses.
+"""A whole training: Lightning's loop, checkpoints, snapshots and the table of losses.
 
-Called again with the checkpoints of an interrupted training, it goes on from there.
+Called again with the checkpoints of an interrupted training, it resumes.
 """
 
 import logging
@@ -23,7 +23,7 @@ from affmap.data.batches import DataModule
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.results.files import write_validation
-from affmap.store.files import guarded_read, sha256, written
+from affmap.store.files import atomic_write, guarded_read, sha256
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 from affmap.training.tensorboard import Board
@@ -32,10 +32,10 @@ log = logging.getLogger("affmap")
 
 
 class _Epochs(Checkpoint):
-    """After each epoch: a snapshot where one is wanted, a checkpoint, the losses on a board, word of how far it is.
+    """Writes snapshots, a checkpoint and losses for TensorBoard after each epoch, and reports progress.
 
-    Lightning calls its kind of callback after the module's own hook, when the losses of the epoch are noted. Snapshots
-    are part of the checkpoint, so that a single file holds all that an interrupted training needs.
+    Lightning calls this kind of callback after the module's own hook, which stores the losses of the epoch. Snapshots
+    are part of the checkpoint, so a single file holds everything that an interrupted training needs.
     """
 
     def __init__(
@@ -63,11 +63,11 @@ class _Epochs(Checkpoint):
 
 
 def keep(checkpoints: Path, save: Callable[[Path], None]) -> None:
-    """Put a checkpoint into a folder, named by its own digest, and remove the one before."""
+    """Save a checkpoint in a folder, named by its digest, and remove its predecessors."""
     temporary = checkpoints / "checkpoint.tmp"
     save(temporary)
     digest = sha256(temporary)
-    with written(checkpoints / f"{digest}.ckpt") as place:
+    with atomic_write(checkpoints / f"{digest}.ckpt") as place:
         temporary.replace(place)
     for old in checkpoints.glob("*.ckpt"):
         if old.stem != digest:
@@ -75,11 +75,11 @@ def keep(checkpoints: Path, save: Callable[[Path], None]) -> None:
 
 
 def last(checkpoints: Path) -> Path | None:
-    """The last whole checkpoint in a folder, or None; damaged ones are passed over with a warning."""
+    """Last intact checkpoint in a folder, or None; corrupted ones are skipped with a warning."""
     for path in sorted(checkpoints.glob("*.ckpt"), key=lambda path: path.stat().st_mtime_ns, reverse=True):
         if sha256(path) == path.stem:
             return path
-        log.warning("%s is damaged; without it, more of the training is done again.", path)
+        log.warning("%s is corrupted; without it, more of the training is repeated.", path)
     return None
 
 
@@ -94,21 +94,21 @@ def fit(
 ) -> None:
     """Train `stack` and write `weights.safetensors`, snapshots and `validation.csv` into `folder`.
 
-    A checkpoint after each epoch, in the folder `checkpoints`, is what an interrupted training resumes from, with the
-    result that it would have had (on a GPU, which adds in no fixed order: to rounding). `on_epoch` is called with the
-    number of epochs done. TensorBoard finds the losses in the folder `board`, where there is one.
+    An interrupted training resumes from the checkpoint that each epoch leaves in the folder `checkpoints`, with the
+    same result (up to rounding on a GPU, which adds in no fixed order). `on_epoch` is called with the number of
+    completed epochs. TensorBoard finds the losses in the folder `board`, if one is given.
     """
-    # Lightning greets, advises and says good-bye; it warns of its own use of a renamed class of PyTorch, and of data
-    # read without helpers (all of it is in memory).
+    # Lightning logs advice, and warns of its own use of a renamed class of PyTorch and of data loaded without workers
+    # (all data are in memory).
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*LeafSpec.* is deprecated")
     warnings.filterwarnings("ignore", message=".*does not have many workers")
     module = TrainingModule(stack, settings)
-    with Board(board) if board else nullcontext() as shown:
-        epochs = _Epochs(checkpoints, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch, shown)
+    with Board(board) if board else nullcontext() as writer:
+        epochs = _Epochs(checkpoints, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch, writer)
         _train(module, data, checkpoints, epochs)
-        if shown:  # nothing is left to train where the last epoch was done before an interruption
-            shown.show(module, settings.num_epochs)
+        if writer:  # nothing is left to train if the last epoch was complete before an interruption
+            writer.show(module, settings.num_epochs)
     for epoch, weights in epochs.snapshots.items():
         save(weights, folder / SNAPSHOT.format(epoch=f"{epoch:03d}"))
     save(copy(stack), folder / WEIGHTS)
@@ -116,11 +116,11 @@ def fit(
 
 
 def _train(module: TrainingModule, data: DataModule, checkpoints: Path, epochs: _Epochs) -> None:
-    """All of Lightning's loop, from the last checkpoint on."""
+    """Run Lightning's loop, from the last checkpoint on."""
     trainer = lightning.Trainer(
         accelerator=module.settings.accelerator,
         devices=1,
-        plugins=[LightningEnvironment()],  # in a cluster's job, too, a training is a single process
+        plugins=[LightningEnvironment()],  # a training is a single process, in a cluster's job as well
         max_epochs=module.settings.num_epochs,
         reload_dataloaders_every_n_epochs=1,  # each epoch has an order of its own
         num_sanity_val_steps=0,
@@ -131,20 +131,20 @@ def _train(module: TrainingModule, data: DataModule, checkpoints: Path, epochs: 
     )
     checkpoint = last(checkpoints)
     if checkpoint:
-        with guarded_read(checkpoint):  # that of a stranger executes nothing, and is told
+        with guarded_read(checkpoint):  # untrusted checkpoint: `weights_only` refuses pickled code
             torch.load(checkpoint, map_location="cpu", weights_only=True)
     listener = signal.getsignal(signal.SIGINT)
     try:
         trainer.fit(module, data, ckpt_path=checkpoint, weights_only=True)
     except SystemExit as leaving:
-        if isinstance(leaving.__context__, KeyboardInterrupt):  # Lightning makes an exit of it, and goes deaf for more
+        if isinstance(leaving.__context__, KeyboardInterrupt):  # Lightning exits on it, and ignores further ones
             signal.signal(signal.SIGINT, listener)
             raise KeyboardInterrupt from None
         raise
 
 
 def losses(module: TrainingModule) -> pd.DataFrame:
-    """The tidy table of a training: member, epoch (from 1), training and validation NLL in nats.
+    """Tidy table of the losses of a training: member, epoch (from 1), training and validation NLL in nats.
 
     With trials, a column `trial` (from 0) comes first.
     """

@@ -1,4 +1,4 @@
-"""Losses and updates of a stack by compiled loops, with the weights and moments that PyTorch holds.
+"""Losses and updates of a stack by compiled loops, with PyTorch's weights and moments.
 
 `TrainingModule` in PyTorch is their reference.
 """
@@ -17,14 +17,14 @@ from affmap.compiled.layout import NUM_TAPS, Layout, Parameters, layout
 from affmap.compiled.samples import Samples, samples
 from affmap.data.batches import Batch
 from affmap.model.stack import Stack, readable
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 from affmap.model.vision import sizes
 from affmap.training.settings import PerTrial
 
 
 def usable(stack: Stack) -> bool:
-    """Whether compiled loops are switched on, and made for such a stack: the paper's models, on a CPU."""
-    return type(stack.transition) is TransitionModel and readable(stack.parameters()) and compiled.enabled()
+    """Whether compiled loops are enabled and support a stack: the paper's models, on a CPU."""
+    return type(stack.transition) is MLP and readable(stack.parameters()) and compiled.enabled()
 
 
 def losses(stack: Stack, batch: Batch) -> Tensor:
@@ -42,7 +42,7 @@ def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_nor
     Args:
         stack: the members.
         batch: the samples.
-        optimizer: an Adam with a parameter group for each sub-model; its state is that of updates in PyTorch.
+        optimizer: Adam with a parameter group for each sub-model; its state is as after updates in PyTorch.
         max_norms: clipping norms of the sub-models.
     """
     from affmap.compiled import adam, training  # needs numba
@@ -74,8 +74,9 @@ def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_nor
 
 
 def _parameters(stack: Stack) -> Sequence[Tensor]:
-    """In the order of `Parameters`."""
+    """Parameters of a stack in the order of `Parameters`."""
     transition, vision = stack.transition, stack.vision
+    assert isinstance(transition, MLP)
     parameters = [transition.hidden_weight, transition.output_weight, transition.output_bias]
     if vision is not None:
         parameters += [vision.conv1_weight, vision.conv1_bias, vision.conv2_weight, vision.conv2_bias]
@@ -91,7 +92,7 @@ def _arrays(tensors: Iterable[Tensor]) -> Parameters:
 
 
 def _per_member(value: PerTrial, num_members: int) -> NDArray[np.float32]:
-    """The value of each member, `[M]`, from that of all, or from those of the trials."""
+    """Values of the members, `[M]`, from a common one or from those of the trials."""
     values = np.array(value, np.float32, ndmin=1)
     return values.repeat(num_members // len(values))
 
@@ -105,7 +106,7 @@ _layouts = functools.cache(layout)
 
 
 def _constant(stack: Stack) -> float:
-    """What is added to losses of scaled changes."""
+    """Constant to add to the losses of scaled changes, nats."""
     return math.log(2 * math.pi) - 2 * math.log(stack.settings.delta_scale)
 
 

@@ -1,8 +1,13 @@
-"""Training of a whole stack on one-step negative log-likelihood, as a LightningModule (Section 3.3, Appendix A).
+"""Training of a stack on the one-step negative log-likelihood, as a LightningModule (Section 3.3, Appendix A).
 
 Each member is trained as if it were alone: the loss is the mean over the batch and the sum over members, and
-gradients are clipped by norms per member and sub-model. So trials of other learning rates can stand side by side, too.
-Knows nothing of worlds and planners.
+gradients are clipped by norms per member and sub-model. So trials with other learning rates can be trained side by
+side, too. Knows nothing of worlds and planners.
+
+Errors are propagated back through a chunk of a sequence, 50 steps. A hidden state is passed to the next chunk without
+its gradient, and is reset where new sequences begin. The paper resets it "every 7 batches": its 300 steps have 301
+sensor readings, which probably make 7 chunks of 50, the last one short; here they make 6. Counting to 7 all the same
+would carry the state of one sequence into another.
 """
 
 from collections.abc import Sequence
@@ -70,13 +75,13 @@ class TrainingModule(lightning.LightningModule):
         return losses.detach()
 
     def training_step(self, batches: Sequence[Batch], batch_index: int) -> None:
-        """Make an update on each of some batches, in their order."""
+        """Make an update on each of the batches, in their order."""
         optimizer = self.optimizers()
         assert isinstance(optimizer, torch.optim.Optimizer)
         self._losses += [self.update(batch, optimizer) for batch in batches]
 
     def on_train_epoch_end(self) -> None:
-        """Note the mean loss over the epoch's updates."""
+        """Store the mean loss over the epoch's updates."""
         self.training_nll[self.current_epoch] = torch.stack(self._losses).mean(0)
         self._losses.clear()
 
@@ -86,18 +91,18 @@ class TrainingModule(lightning.LightningModule):
         self._count = 0
 
     def validation_step(self, batches: Sequence[Batch], batch_index: int) -> None:
-        """Add some batches to the mean over all validation steps."""
+        """Add batches to the mean over all validation steps."""
         for batch in batches:
             count = batch.action[..., 0].numel()
             self._sum += count * (loops.losses(self.stack, batch) if loops.usable(self.stack) else self.loss(batch))
             self._count += count
 
     def on_validation_epoch_end(self) -> None:
-        """Note the mean loss over all validation steps."""
+        """Store the mean loss over all validation steps."""
         self.validation_nll[self.current_epoch] = self._sum / self._count
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """One Adam, a parameter group for each sub-model; with learning rate 1 where trials have their own."""
+        """Adam with a parameter group for each sub-model; the learning rate is 1 where trials have their own."""
         groups = [
             {"params": list(part.parameters()), "lr": 1.0 if isinstance(lr, tuple) else lr}
             for part, lr, _ in self._parts()
@@ -115,12 +120,12 @@ class TrainingModule(lightning.LightningModule):
             clip_per_member([p.grad for p in part.parameters() if p.grad is not None], norms)
 
     def _per_member(self, values: tuple[float, ...]) -> Tensor:
-        """The value of each member, `[M]`, from those of the trials."""
+        """Values of the members, `[M]`, from those of the trials."""
         per_trial = torch.tensor(values, device=next(self.stack.parameters()).device)
         return per_trial.repeat_interleave(len(self.stack.seeds) // len(values))
 
     def _parts(self) -> list[tuple[nn.Module, PerTrial, PerTrial]]:
-        """Each sub-model with its learning rate and clipping norm."""
+        """List each sub-model with its learning rate and clipping norm."""
         settings, stack = self.settings, self.stack
         parts: list[tuple[nn.Module, PerTrial, PerTrial]] = [
             (stack.transition, settings.transition_lr, settings.transition_max_norm)
@@ -146,8 +151,8 @@ def clip_per_member(gradients: Sequence[Tensor], max_norm: float | Tensor) -> No
 def scale_steps(optimizer: torch.optim.Adam, parameters: Sequence[Tensor], factors: Tensor) -> None:
     """Multiply the steps that `optimizer` makes with `parameters` `[M, ...]` by a factor for each member, `[M]`.
 
-    The step of Adam is proportional to its learning rate, and what it remembers does not depend on it: so factors are
-    learning rates of the members where the optimiser's is 1. Up to factors of 1 rounding is that of a single step.
+    The step of Adam is proportional to its learning rate and its moments do not depend on it, so the factors are the
+    members' learning rates where the optimiser's is 1. Up to factors of 1 rounding is that of a single step.
     """
     before: list[Tensor] = []
 

@@ -1,4 +1,4 @@
-"""The numbers of a training, apart from the code that needs Lightning (which takes seconds to import)."""
+"""Settings of training, in a module without Lightning, which takes seconds to import."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -19,23 +19,23 @@ def _not_empty(values: tuple[float, ...]) -> tuple[float, ...]:
 
 PerTrial = Annotated[
     Annotated[Positive, Tag("number")] | Annotated[tuple[Positive, ...], AfterValidator(_not_empty), Tag("trials")],
-    Discriminator(_kind),  # one kind of value, one sentence about what is wrong with it
+    Discriminator(_kind),  # one error message, for the kind of value that was given
 ]
 """A number for all trials, or one for each of R trials."""
 
 
 class TrainingSettings(Settings):
-    """How models are trained (`conf/training`).
+    """Settings of training (`conf/training`).
 
-    A list instead of a number makes a training of R trials, which have the same members and data and differ in the
-    values of lists.
+    A list instead of a number makes a training of R trials with the same members and data, which differ in the listed
+    values.
     """
 
     num_epochs: Count
     batch_size: Count
     """Sequences a batch."""
     chunk_length: Count
-    """Steps between updates: errors are propagated back through at most so many."""
+    """Steps between updates: errors are propagated back through at most this many."""
     vision_lr: PerTrial
     """Learning rate of the vision model."""
     transition_lr: PerTrial
@@ -47,9 +47,9 @@ class TrainingSettings(Settings):
     adam_eps: Positive
     """Adam's epsilon."""
     snapshot_epochs: tuple[Count, ...]
-    """Epochs after which the weights are kept; the last epoch always is."""
+    """Epochs after which the weights are saved, beside the last epoch."""
     accelerator: Literal["cpu", "gpu", "auto"] = Field(exclude=True)
-    """Where to train."""
+    """Device for training."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -63,11 +63,11 @@ class TrainingSettings(Settings):
 
     @property
     def per_trial(self) -> dict[str, tuple[float, ...]]:
-        """The keys that have a value for each trial, with these values; empty without trials."""
+        """Keys with a value for each trial -> these values; empty without trials."""
         keys = ("vision_lr", "transition_lr", "vision_max_norm", "transition_max_norm")
         return {key: value for key in keys if isinstance(value := getattr(self, key), tuple)}
 
     @property
     def num_trials(self) -> int | None:
-        """R; None without trials."""
+        """Number of trials, R; None without trials."""
         return next((len(values) for values in self.per_trial.values()), None)

@@ -1,4 +1,4 @@
-"""Losses of single steps, by what happens in them: a mean over all steps hides which of them decide it."""
+"""Losses of single steps by kind, because the mean over all steps hides which of them dominate it."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,11 +16,11 @@ from affmap.results.files import EVERYWHERE, KINDS
 
 
 def step_losses(stack: Stack, batches: Iterable[Sequence[Batch]]) -> Tensor:
-    """The negative log-likelihood of every step, `[M, S, T]` in nats.
+    """Negative log-likelihood of every step, `[M, S, T]` in nats.
 
     Args:
         stack: M members.
-        batches: of some sequences at a time all chunks, which follow each other (`DataModule.val_dataloader`).
+        batches: consecutive chunks of some sequences at a time (`DataModule.val_dataloader`).
     """
     rows = []
     with torch.inference_mode():
@@ -34,10 +34,10 @@ def step_losses(stack: Stack, batches: Iterable[Sequence[Batch]]) -> Tensor:
 
 
 def classify_steps(dataset: Path, sequences: np.ndarray) -> np.ndarray:
-    """The kind of every step of some sequences of a data set: indices of `KINDS`, `[S, T]`.
+    """Kind of every step in some sequences of a data set: indices of `KINDS`, `[S, T]`.
 
-    A vehicle is in fog where the position that it reports is not the true one. Steps that touch a surface count as
-    such where they neither begin nor end in fog.
+    A vehicle is in fog where the reported position differs from the true one. Steps that touch a surface count as such
+    if they neither begin nor end in fog.
 
     Raises:
         ConfigError: the file is corrupted.
@@ -51,7 +51,7 @@ def classify_steps(dataset: Path, sequences: np.ndarray) -> np.ndarray:
 
 
 def summarise(losses: Tensor, kinds: np.ndarray, worlds: Sequence[str], seeds: Sequence[int]) -> pd.DataFrame:
-    """One row per member, training world (and `EVERYWHERE`) and kind of step that occurs there.
+    """Summarise losses: one row per member, training world (and `EVERYWHERE`) and kind of step that occurs there.
 
     Args:
         losses: `[M, S, T]`, nats.
@@ -62,14 +62,14 @@ def summarise(losses: Tensor, kinds: np.ndarray, worlds: Sequence[str], seeds: S
     Returns:
         The columns `member`, `world`, `kind`, `steps` (their number), `mean` and `median` (of their losses, nats).
     """
-    found = losses.double().numpy()
+    values = losses.double().numpy()
     where = np.array(worlds)[:, None]
     rows = []
     for world in [*dict.fromkeys(worlds), EVERYWHERE]:
         for number, kind in enumerate(KINDS):
-            chosen = (kinds == number) & ((where == world) | (world == EVERYWHERE))
-            if chosen.any():
-                of_kind = found[:, chosen]  # [M, steps]
+            mask = (kinds == number) & ((where == world) | (world == EVERYWHERE))
+            if mask.any():
+                of_kind = values[:, mask]  # [M, steps]
                 centers = zip(seeds, of_kind.mean(1), np.median(of_kind, axis=1), strict=True)
                 rows += [(seed, world, kind, of_kind.shape[1], mean, median) for seed, mean, median in centers]
     return pd.DataFrame(rows, columns=["member", "world", "kind", "steps", "mean", "median"])

@@ -1,8 +1,8 @@
 """A Hydra sweeper that searches with hyperopt: `app -m hydra/sweeper=hyperopt 'lr=interval(0,1)'`.
 
-Any Hydra application can use it; it knows none. `hyperopt_sweeper` is the plugin. The other modules have names with a
-leading `_` so that Hydra does not scan them whenever an application starts: `_space` is Hydra's grammar, `_search` is
-all of hyperopt, `_outcomes` reads what jobs return, `_trials` is what lies on disk.
+Any Hydra application can use it; it knows none. `hyperopt_sweeper` is the plugin. The names of the other modules begin
+with `_` so that Hydra does not scan them whenever an application starts: `_space` is Hydra's grammar, `_search` is all
+of hyperopt, `_outcomes` reads the return values of jobs, `_trials` the files on disk.
 """
 
 from hydra_plugins.hyperopt_sweeper._space import SearchError as SearchError

@@ -1,4 +1,4 @@
-"""What jobs return, as outcomes of trials."""
+"""Outcomes of trials, from the return values of jobs."""
 
 import math
 from collections.abc import Sequence
@@ -11,39 +11,38 @@ class Outcome(NamedTuple):
     """The outcome of a trial."""
 
     result: float | None
-    """What the application returned, a finite number; None if the trial failed."""
+    """Return value of the application, a finite number; None if the trial failed."""
     error: str | None = None
-    """Why it failed."""
+    """The reason of a failure."""
     raised: BaseException | None = None
-    """What the application raised, if that is why."""
+    """The exception of the application, if that is the reason."""
 
 
-def outcomes(returned: Sequence[JobReturn], num: int, stacked: bool) -> list[Outcome]:
+def outcomes(jobs: Sequence[JobReturn], num: int, stacked: bool) -> list[Outcome]:
     """The outcomes of a batch.
 
     Args:
-        returned: a job for each trial, or one for all of them.
+        jobs: one for each trial, or one for all of them.
         num: trials of the batch.
         stacked: whether one job returns a list of all results.
     """
     if not stacked:
-        return [_raised(job) or _outcome(job._return_value) for job in returned]
-    (job,) = returned
-    if raised := _raised(job):
-        return [raised] * num
+        return [_failure(job) or _outcome(job._return_value) for job in jobs]
+    (job,) = jobs
+    if failure := _failure(job):
+        return [failure] * num
     value = job._return_value
     try:
         results = list(value)
     except TypeError:
         results = []
     if len(results) != num:
-        return [
-            Outcome(None, f"returned {value!r}, which is not a list of results, one for each of {num} trials")
-        ] * num
+        error = f"returned {value!r}, which is not a list of results, one for each of {num} trials"
+        return [Outcome(None, error)] * num
     return [_outcome(result) for result in results]
 
 
-def _raised(job: JobReturn) -> Outcome | None:
+def _failure(job: JobReturn) -> Outcome | None:
     if job.status != JobStatus.FAILED:
         return None
     error = job._return_value  # the public property writes to stderr

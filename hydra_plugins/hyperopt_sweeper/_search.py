@@ -1,9 +1,8 @@
-"""Asking hyperopt for points and telling it results, trial by trial.
+"""Ask and tell with hyperopt, trial by trial. The only module that imports hyperopt.
 
-The only module that imports hyperopt. A trial is asked for with a seed of its own, which follows from the search's seed
-and the trial's number, so that a search which goes on after a kill asks for the same points as one that was never
-killed. Trials of a batch are asked for one after the other, those before being known without a result, which hyperopt
-takes for the worst; so they keep apart from each other.
+Each trial has a seed of its own, derived from the search's seed and the trial's number, so that a resumed search asks
+for the same points as an undisturbed one. The trials of a batch are asked for one after the other, while those before
+have no result, which hyperopt takes for the worst; so they keep apart from each other.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,13 +29,13 @@ class Search:
         seed: int,
         initial: Sequence[Point],
     ) -> None:
-        """A search without trials.
+        """Begin a search without trials.
 
         Args:
-            space: what is searched.
+            space: to be searched.
             algorithm: hyperopt's: tree of Parzen estimators, random search or annealing.
             num_startup: trials that tpe draws at random before it models anything, `initial` among them.
-            seed: where all randomness comes from.
+            seed: of all randomness.
             initial: points of the first trials.
         """
         algorithms: dict[str, Callable[..., Any]] = {
@@ -53,26 +52,26 @@ class Search:
     def ask(self) -> Point:
         """The point of the next trial."""
         number = len(self._trials)
-        point = self._initial[number] if number < len(self._initial) else self._suggested(number)
+        point = self._initial[number] if number < len(self._initial) else self._suggest_point(number)
         self._insert(point)
         return point
 
     def tell(self, number: int, loss: float | None) -> None:
-        """The loss of a trial that was asked for; None if it failed."""
+        """Report the loss of a trial; None if it failed."""
         doc = self._trials.trials[number]
         doc["state"] = JOB_STATE_DONE
         doc["result"] = {"status": STATUS_FAIL} if loss is None else {"status": STATUS_OK, "loss": loss}
 
     def restore(self, point: Point, loss: float | None) -> None:
-        """The next trial as it was before a kill, asked for and told."""
+        """Add the next trial of an earlier start, with its result."""
         self._insert(point)
         self.tell(len(self._trials) - 1, loss)
 
-    def _suggested(self, number: int) -> Point:
+    def _suggest_point(self, number: int) -> Point:
         (doc,) = self._suggest(
             self._trials.new_trial_ids(1), self._domain, self._trials, trial_seed(self._seed, number)
         )
-        # As plain numbers, which is what they are after a restart.
+        # As plain numbers, as they are after a restart.
         return {key: np.asarray(value).item() for key, (value,) in doc["misc"]["vals"].items()}
 
     def _insert(self, point: Point) -> None:
@@ -86,7 +85,7 @@ def trial_seed(seed: int, number: int) -> int:
 
 
 def _node(key: str, dimension: Dimension) -> Any:
-    """A dimension as hyperopt has it; whole numbers are rounded from half a step beyond both ends, so none is rarer."""
+    """Hyperopt's node of a dimension; integers are rounded from half a step beyond both ends, so that none is rarer."""
     if not isinstance(dimension, Interval):
         count = len(dimension.values)
         return hp.quniform(key, -0.5, count - 0.5, 1) if dimension.ordered else hp.choice(key, list(range(count)))

@@ -1,7 +1,7 @@
 """From Hydra's sweep grammar to a search space.
 
-A **point** is a place in the space as hyperopt has it: a number for each searched key, an index where a key has
-options. The **values** of a point are what the application gets. Knows nothing of hyperopt.
+A **point** of the space is hyperopt's: a number for each searched key, an index where a key has options. The **values**
+of a point are the application's. Knows nothing of hyperopt.
 """
 
 import math
@@ -29,16 +29,16 @@ Point = Mapping[str, float]
 
 
 class SearchError(CompactHydraException):
-    """A search that cannot be made; the message, which Hydra shows without a traceback, says why and what to do."""
+    """An invalid search; the message, which Hydra shows without a traceback, gives the reason and a remedy."""
 
 
 class TrialError(SearchError):
-    """A trial that could not be made, though its values are not to blame; nothing of its batch is kept."""
+    """A trial that failed for other reasons than its values; nothing of its batch is kept."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Numbers from `low` to `high`, both included; on a logarithmic scale if `log`, whole ones if `integer`."""
+    """Numbers from `low` to `high`, both included; on a logarithmic scale if `log`, integers if `integer`."""
 
     low: float
     high: float
@@ -46,15 +46,15 @@ class Interval:
     integer: bool
 
     def value(self, number: float) -> float:
-        """What the application gets; integers are rounded, and limits kept where a logarithm has rounding errors."""
+        """The application's value; rounded if integer, clipped against rounding errors of logarithms."""
         return min(max(round(number) if self.integer else float(number), self.low), self.high)
 
     def text(self, number: float) -> str:
-        """The same as Hydra reads it."""
+        """The value as Hydra reads it."""
         return str(self.value(number))
 
     def number(self, value: Any) -> float | None:
-        """The inverse of `value`; None for what does not lie in the interval."""
+        """The inverse of `value`; None outside the interval."""
         inside = _is_number(value) and self.low <= value <= self.high and (not self.integer or value == round(value))
         return float(value) if inside else None
 
@@ -66,7 +66,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Options:
-    """Some values; neighbours are alike if `ordered`."""
+    """A list of values; neighbours are alike if `ordered`."""
 
     values: tuple[Any, ...]
     texts: tuple[str, ...]
@@ -74,15 +74,15 @@ class Options:
     ordered: bool
 
     def value(self, number: float) -> Any:
-        """What the application gets."""
+        """The application's value."""
         return self.values[self._index(number)]
 
     def text(self, number: float) -> str:
-        """The same as Hydra reads it."""
+        """The value as Hydra reads it."""
         return self.texts[self._index(number)]
 
     def number(self, value: Any) -> float | None:
-        """The inverse of `value`; None for what is no option."""
+        """The inverse of `value`; None for other values."""
         return next((index for index, option in enumerate(self.values) if _equal(option, value)), None)
 
     def _index(self, number: float) -> int:
@@ -97,17 +97,17 @@ Dimension = Interval | Options
 
 @dataclass(frozen=True)
 class Space:
-    """What a command line searches over, and what it leaves fixed."""
+    """The searched keys of a command line, and its fixed overrides."""
 
     dimensions: dict[str, Dimension] = field(default_factory=dict)
-    """Key, without a leading +, -> what it may be."""
+    """Key, without a leading +, -> its dimension."""
     keys: dict[str, str] = field(default_factory=dict)
-    """Key -> the same as it is given, with a leading +."""
+    """Key -> key as on the command line, with its leading +."""
     fixed: list[str] = field(default_factory=list)
-    """Overrides that are the same for all trials."""
+    """Overrides of all trials."""
 
     def values(self, point: Point) -> dict[str, Any]:
-        """What the application gets for each searched key."""
+        """Searched key -> the application's value."""
         return {key: dimension.value(point[key]) for key, dimension in self.dimensions.items()}
 
     def overrides(self, point: Point) -> list[str]:
@@ -123,15 +123,15 @@ class Space:
         return self.fixed + [f"{self.keys[key]}=[{text}]" for key, text in texts.items()]
 
     def point(self, values: Mapping[str, Any], origin: str) -> Point:
-        """The inverse of `values`; `origin` says in an error where they come from.
+        """The inverse of `values`; `origin` names their source in an error.
 
         Raises:
-            SearchError: a key is missing or not searched, or a value does not lie in the space.
+            SearchError: a key is missing or not searched, or a value lies outside the space.
         """
         if values.keys() != self.dimensions.keys():
             raise SearchError(
-                f"{origin} has values of {_listed(values)}, but what is searched over is {_listed(self.dimensions)}; "
-                "give a value of each of these keys, and of no other."
+                f"{origin} has values of {_join(values)}, but the searched keys are {_join(self.dimensions)}; "
+                "give a value of each of these, and of no other."
             )
         point = {}
         for key, dimension in self.dimensions.items():
@@ -148,8 +148,8 @@ def parse(parser: OverridesParser, params: Mapping[str, str], arguments: Sequenc
     """The space of a configuration file's `params` and a command line's `arguments`, which win.
 
     Raises:
-        SearchError: a space that cannot be searched; the message names its key.
-        OverrideParseException: what is no override at all.
+        SearchError: a space cannot be searched; the message names its key.
+        OverrideParseException: an override is malformed.
     """
     overrides = parser.parse_overrides([*(f"{key}={text}" for key, text in params.items()), *arguments])
     space = Space()
@@ -173,10 +173,10 @@ def _name(override: Override) -> str:
 
 def _dimension(name: str, override: Override, parser: OverridesParser) -> Dimension:
     sweep: Any = override.value()
-    known = {"log"} if isinstance(sweep, IntervalSweep) else set()
-    if isinstance(sweep, Sweep) and (unknown := sweep.tags - known):
+    allowed = {"log"} if isinstance(sweep, IntervalSweep) else set()
+    if isinstance(sweep, Sweep) and (unknown := sweep.tags - allowed):
         raise SearchError(
-            f"{override.input_line}: the tag {_listed(unknown)} means nothing here; the only one is log, of intervals, "
+            f"{override.input_line}: the tag {_join(unknown)} means nothing here; the only one is log, of intervals, "
             f"as in '{name}=tag(log,interval(1e-4,1e-1))'."
         )
     if isinstance(sweep, IntervalSweep):
@@ -209,7 +209,7 @@ def _options(override: Override, sweep: Any, parser: OverridesParser) -> Options
         numbers = tuple(sweep.range())
         return Options(numbers, tuple(map(Transformer.str, numbers)), ordered=True)
     if isinstance(sweep, ChoiceSweep):
-        # In their own order, though Hydra may have been told to shuffle.
+        # In their own order, also where Hydra is to shuffle.
         texts = tuple(_text(option, parser) for option in sweep.list)
         return Options(tuple(_read(text, parser) for text in texts), texts, ordered=False)
     assert isinstance(sweep, Glob)
@@ -218,7 +218,7 @@ def _options(override: Override, sweep: Any, parser: OverridesParser) -> Options
 
 
 def _text(option: ParsedElementType, parser: OverridesParser) -> str:
-    """An option as Hydra reads it; a text gets quotes where Hydra would read something else."""
+    """An option as Hydra reads it; a text gets quotes where Hydra would misread it."""
     text = Transformer.str(option)
     if isinstance(option, str):
         try:
@@ -243,5 +243,5 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _listed(keys: Iterable[str]) -> str:
+def _join(keys: Iterable[str]) -> str:
     return ", ".join(sorted(keys)) or "nothing"

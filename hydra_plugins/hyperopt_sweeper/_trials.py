@@ -1,7 +1,7 @@
-"""Trials on disk: what a killed search goes on from, and what it leaves behind.
+"""Trials on disk: the checkpoint of a search, and its results.
 
-`trials.jsonl` is JSON, a line each: the digest of all that follows, the search that the trials belong to, then the
-trials. Opening a file executes nothing, whoever wrote it; each file is whole or not there.
+`trials.jsonl` is JSON, a line each: the digest of the rest, the identity of the search, then the trials. Files are
+written atomically, and reading an untrusted one executes nothing.
 """
 
 import csv
@@ -27,20 +27,20 @@ _REMEDY = "remove that file, or choose another folder with hydra.sweep.dir"
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial that is over."""
+    """A finished trial."""
 
     trial: int
     """Its number, from 0."""
     point: dict[str, float]
-    """Where it was, as hyperopt has it."""
+    """hyperopt's numbers."""
     values: dict[str, Any]
-    """The same as the application got it."""
+    """The application's values."""
     result: float | None
-    """What the application returned; None if the trial failed."""
+    """Return value of the application; None if the trial failed."""
     error: str | None
-    """Why it failed."""
+    """The reason of a failure."""
     batch_seconds: float
-    """Time that its batch took."""
+    """Duration of its batch."""
 
     @property
     def status(self) -> Literal["ok", "fail"]:
@@ -49,31 +49,31 @@ class Trial:
 
 
 def load(path: Path, search: Mapping[str, Any]) -> list[Trial]:
-    """The trials of a file, none if it is not there.
+    """The trials of a file, none if it does not exist.
 
     Args:
         path: the file.
-        search: what makes a search the same one, JSON only.
+        search: the identity of the search, JSON only.
 
     Raises:
-        SearchError: the file is damaged, or belongs to another search.
+        SearchError: the file is corrupted, or belongs to another search.
     """
     if not path.exists():
         return []
-    found, trials = read(path)
-    asked = json.loads(json.dumps(search))
-    if found != asked:
-        differing = sorted(key for key in found.keys() | asked.keys() if found.get(key) != asked.get(key))
-        told = "; ".join(f"{key} was {_brief(found.get(key))} and is now {_brief(asked.get(key))}" for key in differing)
-        raise SearchError(f"{path} belongs to another search: {told}; {_REMEDY}.")
+    old, trials = read(path)
+    new = json.loads(json.dumps(search))
+    if old != new:
+        keys = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
+        changes = "; ".join(f"{key} was {_brief(old.get(key))} and is now {_brief(new.get(key))}" for key in keys)
+        raise SearchError(f"{path} belongs to another search: {changes}; {_REMEDY}.")
     return trials
 
 
 def read(path: Path) -> tuple[dict[str, Any], list[Trial]]:
-    """The search that a file's trials belong to, and the trials.
+    """The identity of the search in a file, and its trials.
 
     Raises:
-        SearchError: the file is damaged.
+        SearchError: the file is corrupted.
     """
     try:
         head, _, body = path.read_bytes().partition(b"\n")
@@ -82,18 +82,18 @@ def read(path: Path) -> tuple[dict[str, Any], list[Trial]]:
         search, *trials = map(json.loads, body.splitlines())
         return dict(search), [Trial(**trial) for trial in trials]
     except (ValueError, TypeError):
-        raise SearchError(f"{path} is damaged: it was cut off or edited; put it back as it was, {_REMEDY}.") from None
+        raise SearchError(f"{path} is corrupted: it was cut off or edited; restore it, {_REMEDY}.") from None
 
 
 def save(path: Path, search: Mapping[str, Any], trials: Sequence[Trial]) -> None:
-    """Replace the file by one of all trials so far."""
+    """Write all trials so far."""
     body = "".join(f"{json.dumps(line)}\n" for line in [search, *map(asdict, trials)])
     head = json.dumps({"sha256": hashlib.sha256(body.encode()).hexdigest()})
     _write(path, f"{head}\n{body}")
 
 
 def write_results(folder: Path, trials: Sequence[Trial], best: Trial | None) -> None:
-    """A table with a row a trial, and the best trial as other sweepers of Hydra write it."""
+    """Write a table with a row for each trial, and the best trial in the format of Hydra's other sweepers."""
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(["trial", "status", "result", "batch_seconds", *trials[0].values])

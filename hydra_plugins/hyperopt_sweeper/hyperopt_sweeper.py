@@ -1,6 +1,6 @@
-"""The sweeper: batches of trials through Hydra's launcher, kept on disk after each.
+"""The sweeper: batches of trials through Hydra's launcher, with a checkpoint after each.
 
-Hydra imports this at each start of each application, so what imports hyperopt is imported when a search begins.
+Hydra imports this whenever an application starts, so hyperopt is imported only when a search begins.
 """
 
 import logging
@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 
 class Direction(Enum):
-    """Which results are better."""
+    """Direction of better results."""
 
     minimize = "minimize"
     maximize = "maximize"
@@ -51,23 +51,23 @@ class HyperoptConf:
     direction: Direction = Direction.minimize
     """Whether small or large results are better."""
     num_trials: int = 50
-    """Trials of the whole search, those of an earlier start included."""
+    """Trials of the whole search, those of earlier starts included."""
     batch_size: int = 1
-    """Trials that are asked for at once and handed to the launcher together."""
+    """Trials that are launched together."""
     algorithm: Algorithm = Algorithm.tpe
     """Tree of Parzen estimators, random search or annealing."""
     num_startup: int = 20
     """Trials that tpe draws at random before it models anything, `initial` among them."""
     seed: int = 0
-    """Where all randomness comes from."""
+    """Seed of all randomness."""
     initial: list[dict[str, Any]] = field(default_factory=list)
-    """What to try first: a value of each searched key."""
+    """First trials: a value of each searched key."""
     stacked: bool = False
     """Whether a batch is one job, which gets a list of values for each searched key and returns as many results."""
     irrelevant: list[str] = field(default_factory=list)
-    """Keys whose values change no result, so that trials with others belong to the same search."""
+    """Keys whose values change no result and do not count in the identity of a search."""
     params: dict[str, str] = field(default_factory=dict)
-    """Key -> what to search over, in Hydra's grammar; the command line wins."""
+    """Key -> its space, in Hydra's grammar; the command line wins."""
 
 
 ConfigStore.instance().store(group="hydra/sweeper", name="hyperopt", node=HyperoptConf, provider="hyperopt_sweeper")
@@ -85,7 +85,7 @@ class HyperoptSweeper(Sweeper):
         self.launcher: Launcher | None = None
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """What Hydra calls first."""
+        """Take Hydra's context, task and configuration; called by Hydra first."""
         self.hydra_context = hydra_context
         self.config = config
         self.launcher = Plugins.instance().instantiate_launcher(
@@ -93,7 +93,7 @@ class HyperoptSweeper(Sweeper):
         )
 
     def sweep(self, arguments: list[str]) -> None:
-        """Search, from the trials on disk on.
+        """Search, resuming from the trials on disk.
 
         Raises:
             SearchError: the space, the settings or the trials on disk cannot be used; or all trials failed.
@@ -116,8 +116,8 @@ class HyperoptSweeper(Sweeper):
         folder.mkdir(parents=True, exist_ok=True)
         OmegaConf.save(self.config, folder / "multirun.yaml")
         log.info(
-            f"{len(trials)} of {settings.num_trials} trials are complete; the same command with "
-            f"hydra.sweep.dir={folder} goes on where it stopped."
+            f"{len(trials)} of {settings.num_trials} trials are complete; run the same command with "
+            f"hydra.sweep.dir={folder} to resume."
         )
         while len(trials) < settings.num_trials:
             num = min(settings.batch_size, settings.num_trials - len(trials))
@@ -128,7 +128,7 @@ class HyperoptSweeper(Sweeper):
             save(path, identity, trials)
             write_results(folder, trials, self._best(trials))
             best = self._best(trials)
-            log.info(f"{len(trials)} of {settings.num_trials} trials are complete; the best is {_told(best)}.")
+            log.info(f"{len(trials)} of {settings.num_trials} trials are complete; the best is {_describe(best)}.")
         self._finish(folder, trials)
 
     def _check_counts(self) -> None:
@@ -151,7 +151,7 @@ class HyperoptSweeper(Sweeper):
         return space
 
     def _identity(self, space: Space) -> dict[str, Any]:
-        """What makes trials belong to the same search; how many of them, and in which batches, does not."""
+        """The identity of the search that trials belong to; numbers of trials and batches do not count."""
         settings = self.settings
         return {
             "format": 1,
@@ -171,14 +171,13 @@ class HyperoptSweeper(Sweeper):
         jobs = [space.stacked(points)] if stacked else [space.overrides(point) for point in points]
         self.validate_batch_is_legal(jobs)
         start = time.perf_counter()
-        returned = self.launcher.launch(jobs, initial_job_idx=first)
+        results = outcomes(self.launcher.launch(jobs, initial_job_idx=first), len(points), stacked)
         seconds = round(time.perf_counter() - start, 3)
-        found = outcomes(returned, len(points), stacked)
         trials = []
-        for number, (point, outcome) in enumerate(zip(points, found, strict=True), start=first):
+        for number, (point, outcome) in enumerate(zip(points, results, strict=True), start=first):
             if outcome.raised and not isinstance(outcome.raised, (ValueError, ArithmeticError)):
                 raise TrialError(
-                    f"Trial {number} could not be made: {outcome.error}; the same command tries it again."
+                    f"Trial {number} could not be run: {outcome.error}; run the same command to try it again."
                 ) from outcome.raised
             trials.append(Trial(number, dict(point), space.values(point), outcome.result, outcome.error, seconds))
             if outcome.error:
@@ -186,7 +185,7 @@ class HyperoptSweeper(Sweeper):
         return trials
 
     def _loss(self, result: float | None) -> float | None:
-        """What hyperopt minimizes."""
+        """The loss that hyperopt minimizes."""
         return None if result is None else self._sign * result
 
     def _best(self, trials: Sequence[Trial]) -> Trial | None:
@@ -204,14 +203,14 @@ class HyperoptSweeper(Sweeper):
             )
         if failed:
             log.warning(f"{len(failed)} of {len(trials)} trials failed: {', '.join(str(t.trial) for t in failed)}.")
-        log.info(f"The best is {_told(best)}; all trials are in {folder}.")
+        log.info(f"The best is {_describe(best)}; all trials are in {folder}.")
 
 
 def _key(override: str) -> str:
     return override.partition("=")[0].lstrip("+~")
 
 
-def _told(trial: Trial | None) -> str:
+def _describe(trial: Trial | None) -> str:
     if trial is None:
         return "not known, because all failed"
     return f"trial {trial.trial} with {trial.result}: " + ", ".join(f"{k}={v}" for k, v in trial.values.items())

@@ -1,7 +1,7 @@
-"""Work on a card: the same results as on the CPU, then the times of training, planning and the whole paper.
+"""Work on a card: the same results as on the CPU, then the times of training, planning and the whole paper on both.
 
 `python tests/benchmarks/gpu.py [--output FOLDER] [--device cpu] [--toy]` needs a build of torch for CUDA, and less than
-8 minutes: measurements have fixed lengths. What is left to the CPU is not timed: exploration, maps and reports.
+8 minutes: measurements have fixed lengths. Exploration, maps and reports always run on the CPU and are not timed.
 """
 
 import json
@@ -21,7 +21,18 @@ import torch
 from graphs import Epoch, Training, captured
 from rich.console import Console
 from tables import plain_table
-from workloads import FULL, TOY, Scale, batches, first_observation, fly, generators, make_agent, synchronize
+from workloads import (
+    FULL,
+    TOY,
+    Scale,
+    batches,
+    cpu_training,
+    first_observation,
+    fly,
+    generators,
+    make_agent,
+    synchronize,
+)
 
 from affmap import compiled
 from affmap.config.root import Config
@@ -32,6 +43,10 @@ EXPERIMENT = "exp5"
 """Whose trainings are timed: the longest ones, of all context sizes."""
 
 PLAIN, GRAPH, TOGETHER = "plain", "CUDA graph", "CUDA graphs side by side"
+"""Ways to work on the card."""
+
+CPU = "CPU, compiled loops"
+"""How affmap works without a card; on one thread of the same machine."""
 
 BURST = 10
 """Calls that a card gets at once, before it is waited for."""
@@ -72,7 +87,7 @@ class Stopwatch(NamedTuple):
 
 @compiled.switched(False)
 def main() -> None:
-    """Check, time, print and write; by PyTorch alone, on the CPU, too.
+    """Compare the device with PyTorch on the CPU, time it beside compiled loops, print and write.
 
     Raises:
         SystemExit: the device's results are not those of the CPU.
@@ -133,8 +148,8 @@ def training(configs: Sequence[Config], own: Sequence[Batch], watch: Stopwatch) 
     replays, timings = [], []
     for config in configs:
         replays.append(captured(Training(config, epoch)))
-        for contender, run in ((PLAIN, Training(config, epoch).update), (GRAPH, replays[-1])):
-            timings.append(watch.time(_work(config), contender, "update", run))
+        contenders = {PLAIN: Training(config, epoch).update, GRAPH: replays[-1], CPU: cpu_training(config, own)}
+        timings += [watch.time(_work(config), contender, "update", run) for contender, run in contenders.items()]
 
     def update_all() -> None:
         for replay in replays:
@@ -151,24 +166,30 @@ def planning(scale: Scale, watch: Stopwatch) -> list[Timing]:
     """Plans by the cross-entropy method, from a cold start."""
     timings = []
     for runs in scale.runs:
-        agent = make_agent(scale, runs, "cem", watch.device)
-        own = generators(agent)
-        plan = partial(agent.act, first_observation(agent), agent.initial(len(own)), own)
-        timings.append(watch.time("planning", f"{len(own)} agents", "plan of each", plan))
+        for contender, device in ((PLAIN, watch.device), (CPU, "cpu")):
+            with compiled.switched(contender == CPU):
+                agent = make_agent(scale, runs, "cem", device)
+                own = generators(agent)
+                plan = partial(agent.act, first_observation(agent), agent.initial(len(own)), own)
+                timings.append(watch.time(f"planning, {len(own)} agents", contender, "plan of each", plan))
     return timings
 
 
 def control(scale: Scale, device: str) -> list[Timing]:
     """Steps of flights by either planner: plans, and environments on the CPU."""
-    planners = ("cem", "gradient")
-    return [_flight(planner, make_agent(scale, scale.runs[0], planner, device)) for planner in planners]
+    timings = []
+    for planner in ("cem", "gradient"):
+        for contender, where in ((PLAIN, device), (CPU, "cpu")):
+            with compiled.switched(contender == CPU):
+                timings.append(_flight(contender, planner, make_agent(scale, scale.runs[0], planner, where)))
+    return timings
 
 
-def _flight(planner: str, agent: Agent) -> Timing:
+def _flight(contender: str, planner: str, agent: Agent) -> Timing:
     ends: list[float] = []
     fly(agent, lambda _: ends.append(time.perf_counter()))
     num_steps = len(ends) - 1  # the first one warmed up
-    return Timing("control", planner, "step of each", (ends[-1] - ends[0]) / num_steps, num_steps)
+    return Timing(f"control, {planner}", contender, "step of each", (ends[-1] - ends[0]) / num_steps, num_steps)
 
 
 def whole_paper(jobs: Sequence[Config], timings: Sequence[Timing]) -> list[Timing]:
@@ -181,17 +202,23 @@ def whole_paper(jobs: Sequence[Config], timings: Sequence[Timing]) -> list[Timin
     def trainings(contender: str) -> float:
         return sum(paper.updates(job) * seconds[_work(job), contender] for job in paper.trainings(jobs))
 
+    def flights(contender: str) -> float:
+        return sum(job.control.num_steps * seconds[f"control, {job.controller}", contender] for job in flown)
+
+    flown = paper.flights(jobs)
     alone, together = (
         sum(timing.seconds for timing in timings if timing.contender == contender) for contender in (GRAPH, TOGETHER)
     )
     side_by_side = trainings(GRAPH) * together / alone
-    flights = sum(job.control.num_steps * seconds["control", job.controller] for job in paper.flights(jobs))
     parts = {
         f"trainings, {PLAIN}": trainings(PLAIN),
         f"trainings, {GRAPH}": trainings(GRAPH),
         f"trainings, {TOGETHER}": side_by_side,
-        "flights": flights,
-        f"trainings, {TOGETHER}, then flights": side_by_side + flights,
+        f"trainings, {CPU}": trainings(CPU),
+        f"flights, {PLAIN}": flights(PLAIN),
+        f"flights, {CPU}": flights(CPU),
+        f"both, {TOGETHER}, then {PLAIN}": side_by_side + flights(PLAIN),
+        f"both, {CPU}": trainings(CPU) + flights(CPU),
     }
     return [Timing("the whole paper", part, "paper", spent, 0) for part, spent in parts.items()]
 

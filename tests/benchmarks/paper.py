@@ -8,12 +8,12 @@ from math import ceil
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
-from affmap.experiments import PAPER
+from affmap.experiments import ROOMS
 from affmap.pipeline.stage import CONTROL, StageDefinition
 from affmap.pipeline.train import TRAIN
 
 
-def jobs(overrides: Sequence[str] = (), experiments: Iterable[str] = PAPER) -> list[Config]:
+def jobs(overrides: Sequence[str] = (), experiments: Iterable[str] = ROOMS) -> list[Config]:
     """All jobs of experiments, those of growing maps included, with `overrides` of their configurations."""
     sweeps = [Sweep.read([f"experiment={name}", *overrides]) for name in experiments]
     growing = [growth for sweep in sweeps if (growth := sweep.growth())]

@@ -1,6 +1,7 @@
 """The work that a card and a CPU are given: batches to train on, agents to plan for; at full and at toy size."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -8,7 +9,7 @@ from typing import NamedTuple
 import torch
 from planning import starts
 
-from affmap import load
+from affmap import compiled, load
 from affmap.config.root import Config
 from affmap.control.agent import Agent
 from affmap.control.controller import Observation
@@ -17,8 +18,10 @@ from affmap.data.batches import Batch, DataModule
 from affmap.data.collect import DATASET, collect, write_dataset
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
+from affmap.pipeline.train import untrained
 from affmap.planning.planner import Generators
 from affmap.random import generator
+from affmap.training.module import TrainingModule
 
 LAYOUT = Layout.load("layout", "original")
 VEHICLE = Vehicle.load("vehicle", "default")
@@ -54,6 +57,18 @@ def batches(config: Config, scale: Scale) -> list[Batch]:
         path, training = Path(folder) / DATASET, config.training
         loader = DataModule(path, exploration, training.batch_size, training.chunk_length).train_dataloader()
         return [batch for some in loader for batch in some]
+
+
+def cpu_training(config: Config, own: Sequence[Batch]) -> Callable[[], object]:
+    """A call that makes a job's next update on the CPU, in compiled loops; batches take turns."""
+    module, turns = TrainingModule(untrained(config), config.training), cycle(own)
+    optimizer = module.configure_optimizers()
+
+    @compiled.switched(True)
+    def update() -> None:
+        module.update(next(turns), optimizer)
+
+    return update
 
 
 def make_agent(scale: Scale, runs: int, planner: str, device: str) -> Agent:

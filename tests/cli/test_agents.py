@@ -17,6 +17,7 @@ from affmap.control.episodes import control
 from affmap.control.oracle import HalfOracle, Oracle
 from affmap.pipeline import control as stage
 from affmap.pipeline.completed import completed
+from affmap.pipeline.job import agents_without_models
 from affmap.results.tables import Results
 
 AGENTS = ["agent=planner,random,straight", "model.context_size=1"]
@@ -43,13 +44,22 @@ def test_agents_share_everything_but_control(swept: Path) -> None:
 
 
 def test_the_default_agent_is_in_no_stage_s_configuration(swept: Path) -> None:
-    """So that stages that were made before there were agents are found; others have theirs."""
-    found = []
+    """Stages from before there were agents are still found; others have theirs."""
+    agents = []
     for config in jobs(swept, *AGENTS):
         job = pipeline.find(config)
         assert job is not None
-        found.append(json.loads((job.control[0] / "provenance.json").read_text())["config"].get("agent"))
-    assert found == [None, {"kind": "random"}, {"kind": "straight", "foresight": 8.0, "slow_distance": 0.3}]
+        agents.append(json.loads((job.control[0] / "provenance.json").read_text())["config"].get("agent"))
+    assert agents == [None, {"kind": "random"}, {"kind": "straight", "foresight": 8.0, "slow_distance": 0.3}]
+
+
+def test_models_that_only_serve_a_report_are_announced(swept: Path) -> None:
+    """By hand: models that are there, models that another agent of the sweep uses, and two agents alone."""
+    other = "model.context_size=3"
+    assert agents_without_models(jobs(swept, *AGENTS)) == []
+    assert agents_without_models(jobs(swept, "agent=planner,oracle", other)) == []
+    assert agents_without_models(jobs(swept, "agent=straight,oracle,true_mean", other)) == []
+    assert agents_without_models(jobs(swept, "agent=straight,oracle", other)) == ["oracle", "straight"]
 
 
 def test_the_tables_tell_agents_apart(swept: Path) -> None:

@@ -62,8 +62,8 @@ def test_baselines_are_run_after_their_experiment_and_share_its_models(swept: Pa
     sweep, baselines = asked(swept), asked(swept).baselines()
     assert baselines is not None
     assert {TRAIN.of(config).digest for config in baselines.configs} == {TRAIN.of(sweep.configs[0]).digest}
-    found = [pipeline.find(config) for config in (*sweep.configs, *baselines.configs)]
-    assert all(found)
+    actual = [pipeline.find(config) for config in (*sweep.configs, *baselines.configs)]
+    assert all(actual)
     assert len(all_stages(sweep)) == len(made)
 
 
@@ -96,16 +96,16 @@ def test_running_it_again_changes_nothing(
 def test_status_lists_the_experiment_and_its_baselines_once(
     swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of all that is in `runs`, of the folder, and of the overrides: each of the four settings stands there once."""
+    """For all of `runs`, by folder, and by overrides: each of the four settings is listed once."""
     (swept / "runs").symlink_to(swept)
     monkeypatch.chdir(swept)
     for arguments in ([], [str(swept / "output"), str(swept / "output/baselines")], line(swept, *SWEEP)):
         assert in_process(monkeypatch, "affmap-status", arguments) == 0
-        told = capsys.readouterr().out
-        assert told.count("2 of 2 settings complete; ") == 2
+        message = capsys.readouterr().out
+        assert message.count("2 of 2 settings complete; ") == 2
         for output in (swept / "output", swept / "output/baselines"):
-            assert told.count(f"({output}):") == 1
-        rows = [row.split()[:2] for row in told.splitlines() if row.strip().startswith(("model.", "agent="))]
+            assert message.count(f"({output}):") == 1
+        rows = [row.split()[:2] for row in message.splitlines() if row.strip().startswith(("model.", "agent="))]
         expected = ["model.context_size=0", "model.context_size=1", "agent=oracle", "agent=straight"]
         assert rows == [[label, "complete"] for label in expected]
     (swept / "runs").unlink()
@@ -147,8 +147,8 @@ def test_a_report_waits_for_the_baselines(
     )
     assert not (lacking / "output/report.html").exists()
     assert in_process(monkeypatch, "affmap-status", arguments) == 0
-    told = capsys.readouterr().out
-    assert "2 of 2 settings complete; " in told and "1 of 2 settings complete, 1 missing; " in told
+    message = capsys.readouterr().out
+    assert "2 of 2 settings complete; " in message and "1 of 2 settings complete, 1 missing; " in message
     assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 1
     assert " is missing." in capsys.readouterr().err
     before = contents(lacking / "store")
@@ -169,7 +169,7 @@ def test_a_partial_report_does_without_the_baselines_that_lack(lacking: Path, mo
 
 
 def test_without_baselines_nothing_of_them_is_drawn(swept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same runs, reported without; and a comparison has none."""
+    """Runs reported without baselines; and a comparison, which has none."""
     monkeypatch.chdir(swept)
     places = [f"output={swept / 'plain'}", "baselines=[]"]
     arguments = [*(each for each in line(swept, *SWEEP) if not each.startswith(("output=", "baselines="))), *places]
@@ -193,6 +193,6 @@ def test_agents_that_are_no_baselines_are_refused(
     """Before anything runs, by every command."""
     for entry in ("affmap", "affmap-report", "affmap-status"):
         assert in_process(monkeypatch, entry, line(tmp_path, *SWEEP[:3], f"baselines=[{names}]")) == 2
-        told = capsys.readouterr().err
-        assert words in told and told.count("\n") == 1
+        message = capsys.readouterr().err
+        assert words in message and message.count("\n") == 1
     assert not (tmp_path / "store").exists()

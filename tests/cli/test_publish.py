@@ -1,4 +1,4 @@
-"""Where `affmap-publish` keeps reports; what it keeps of them is tested in `test_run.py`."""
+"""Folders of `affmap-publish`; its files are tested in `test_run.py`."""
 
 from pathlib import Path
 

@@ -45,7 +45,7 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
-def found(folder: Path, *overrides: str) -> Setting:
+def find_setting(folder: Path, *overrides: str) -> Setting:
     """The one job of a command line, complete."""
     (config,) = jobs(folder, *overrides)
     job = pipeline.find(config)
@@ -60,8 +60,8 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = command(folder, *SWEEP)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "Traceback" not in result.stdout + result.stderr and "Warning" not in result.stdout + result.stderr
-    for told in ("exploration of original: 4 sequences", "training of 2 members", "control", "complete"):
-        assert told in result.stdout
+    for message in ("exploration of original: 4 sequences", "training of 2 members", "control", "complete"):
+        assert message in result.stdout
     return folder
 
 
@@ -81,9 +81,9 @@ def test_a_sweep_completes_every_stage_once(swept: Path) -> None:
 
 def test_hydra_ran_the_jobs_that_were_checked(swept: Path) -> None:
     """Hydra's own record of the overrides of each job, against our expansion."""
-    found = [yaml.safe_load(path.read_text()) for path in (swept / "output").rglob(".hydra/overrides.yaml")]
+    actual = [yaml.safe_load(path.read_text()) for path in (swept / "output").rglob(".hydra/overrides.yaml")]
     expected = [[*line(swept)[:-4], *line(swept)[-3:], "planner=cem", f"model.context_size={c}"] for c in (0, 1)]
-    assert sorted(found) == sorted(expected)
+    assert sorted(actual) == sorted(expected)
     assert [config.model.context_size for config in jobs(swept, *SWEEP)] == [0, 1]
     logs = [path.read_text() for path in (swept / "output").rglob("affmap.log")]
     assert len(logs) == 2 and all("complete" in text for text in logs)
@@ -112,8 +112,8 @@ def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
     maps = results.maps("original")[1]
     assert maps.codes.shape == (2, 9, 13, 1) and maps.member.tolist() == [0, 1] and maps.snapshots == {}
     assert results.exploration(job).counts.shape == (1, 20, 30) and results.exploration(job).counts.sum() == 4 * 21
-    assert len(results.worlds(job)) == 8 and set(results.worlds(job)) == {results.map_world(job)}
-    assert results.training_worlds(job) == [results.map_world(job)]
+    assert len(results.run_layouts(job)) == 8 and set(results.run_layouts(job)) == {results.map_layout(job)}
+    assert results.training_layouts(job) == [results.map_layout(job)]
     assert results.runs["crossable"].all() and not results.runs["steps_in_fog"].any()
 
 
@@ -135,7 +135,7 @@ def test_running_it_again_changes_nothing(
 
 def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
     """The tables and weights of all jobs, and where they lie in the store."""
-    found = []
+    files = []
     for config in jobs(folder, *overrides):
         job = pipeline.find(config)
         assert job is not None
@@ -144,8 +144,8 @@ def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
             job.train[0] / "validation.csv",
             job.train[0] / "weights.safetensors",
         ):
-            found.append((str(path.relative_to(folder)), path.read_bytes()))
-    return found
+            files.append((str(path.relative_to(folder)), path.read_bytes()))
+    return files
 
 
 def kill(folder: Path, *overrides: str) -> None:
@@ -183,7 +183,7 @@ def test_a_single_setting_shares_what_a_sweep_has_made(swept: Path) -> None:
     after = contents(swept / "store")
     assert {name: after[name] for name in before} == before
     assert {Path(name).parts[0] for name in set(after) - set(before)} == {"control"}
-    table = pd.read_csv(found(swept, *overrides).control[0] / "runs.csv")
+    table = pd.read_csv(find_setting(swept, *overrides).control[0] / "runs.csv")
     assert set(table["planner"]) == {"gradient"} and set(table["context_size"]) == {1} and len(table) == 8
 
 
@@ -201,29 +201,29 @@ def test_stages_do_not_depend_on_what_ran_before(swept: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("overrides", "told"),
+    ("overrides", "message"),
     [
         (["model.context_size=-1"], "conf/model/default.yaml or the command line: model.context_size = -1 is not"),
         (["experiment=exp1", "members=0"], "conf/config.yaml or the command line: members = 0 is not allowed"),
-        (["planner=oracle"], "Could not find 'planner/oracle'"),
-        (["modle.context_size=3"], "Could not override 'modle.context_size'"),
+        (["planner=oracle"], "planner = 'oracle' does not exist"),
+        (["modle.context_size=3"], "modle is not a known key"),
         (["experiment=exp1,lookups"], "experiment takes one name at a time"),
         (["vehicle.radius=0.15"], "start_margin = 0.1 is too small for a vehicle of radius 0.15"),
         (["data.num_validation=4"], "data: num_validation = 4 leaves nothing to train on"),
     ],
 )
-def test_a_mistake_is_told_in_a_sentence_before_anything_is_made(
+def test_a_mistake_is_reported_in_a_sentence_before_anything_is_made(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     overrides: list[str],
-    told: str,
+    message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for entry in ("affmap", "affmap-report", "affmap-publish") if "members=0" in overrides else ("affmap",):
         assert in_process(monkeypatch, entry, line(tmp_path, *overrides)) == 2
         captured = capsys.readouterr()
-        assert told in captured.err and "Traceback" not in captured.err and captured.out == ""
+        assert message in captured.err and "Traceback" not in captured.err and captured.out == ""
     assert not list(tmp_path.iterdir())
 
 
@@ -253,7 +253,7 @@ def test_reference_models_are_controlled_without_training(swept: Path, tmp_path:
     (tmp_path / "reference" / "train").symlink_to(swept / "store" / "train")
     job = pipeline.run(config)
     assert not (tmp_path / "store" / "train").exists() and (tmp_path / "reference") in job.train[0].parents
-    trained = found(swept, "model.context_size=1")
+    trained = find_setting(swept, "model.context_size=1")
     assert (job.control[0] / "runs.csv").read_bytes() == (trained.control[0] / "runs.csv").read_bytes()
     assert job.control != trained.control
 
@@ -267,14 +267,14 @@ def test_trials_are_trained_and_validated_only(swept: Path, tmp_path: Path) -> N
     (tmp_path / "store").mkdir()
     (tmp_path / "store" / "data").symlink_to(swept / "store" / "data")
     (config,) = jobs(tmp_path, *TRIALS)
-    found = pipeline.validation(config)
+    actual = pipeline.validation(config)
     table = pd.read_csv(tmp_path / "store" / "train" / TRAIN.of(config).digest / "validation.csv")
     last = table[table["epoch"] == 2].pivot(index="trial", columns="member", values="validation_nll")
     assert last.shape == (3, 2)
-    np.testing.assert_allclose(found, [last.loc[0].mean(), np.nan, last.loc[2].mean()])
-    assert np.isfinite(found).tolist() == [True, False, True]
+    np.testing.assert_allclose(actual, [last.loc[0].mean(), np.nan, last.loc[2].mean()])
+    assert np.isfinite(actual).tolist() == [True, False, True]
     before = contents(tmp_path / "store")
-    np.testing.assert_array_equal(pipeline.validation(config), found)
+    np.testing.assert_array_equal(pipeline.validation(config), actual)
     assert contents(tmp_path / "store") == before
     assert {path.name for path in (tmp_path / "store").iterdir()} == {"data", "train"}
 
@@ -283,7 +283,7 @@ def test_without_trials_there_is_one_validation(swept: Path) -> None:
     """The sweep's table, by hand; nothing is made again."""
     (config,) = jobs(swept, "planner=cem", "model.context_size=1")
     before = contents(swept / "store")
-    table = pd.read_csv(found(swept, "planner=cem", "model.context_size=1").train[0] / "validation.csv")
+    table = pd.read_csv(find_setting(swept, "planner=cem", "model.context_size=1").train[0] / "validation.csv")
     np.testing.assert_allclose(pipeline.validation(config), [table.query("epoch == 2")["validation_nll"].mean()])
     assert contents(swept / "store") == before
 
@@ -292,17 +292,17 @@ def test_trials_are_not_flown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As a function and as a command: a sentence, before anything is made."""
-    told = (
+    message = (
         "training.vision_lr = [0.001, 0.002, 0.003] makes a training of 3 trials, which is validated only; "
         "give numbers to paint maps and fly agents."
     )
     (config,) = jobs(tmp_path, *TRIALS)
     with pytest.raises(ConfigError) as caught:
         pipeline.run(config)
-    assert str(caught.value) == told
+    assert str(caught.value) == message
     monkeypatch.chdir(tmp_path)
     assert in_process(monkeypatch, "affmap", line(tmp_path, *TRIALS)) == 2
-    assert capsys.readouterr().err == told + "\n"
+    assert capsys.readouterr().err == message + "\n"
     assert not list(tmp_path.iterdir())
 
 
@@ -317,7 +317,7 @@ def test_validation_takes_no_other_models_than_those_asked_for(tmp_path: Path) -
 def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
     """Computed again from the trajectories, one member and run at a time, with a map and exact look-ups made anew."""
     (config,) = jobs(swept, "planner=cem", "model.context_size=1")
-    job = found(swept, "planner=cem", "model.context_size=1")
+    job = find_setting(swept, "planner=cem", "model.context_size=1")
     table = pd.read_csv(job.control[0] / "runs.csv")
     whole = restore(Stack(config.model, 1, config.seeds), job.train[0] / "weights.safetensors")
     with np.load(job.control[0] / "trajectories.npz") as arrays:
@@ -344,11 +344,11 @@ def test_in_a_procedural_layout_each_run_has_a_world_of_its_own_that_all_setting
         flown = [Layout.checked(layout, "here") for layout in json.loads((job.control[0] / "layouts.json").read_text())]
         assert flown == expected and len({layout.map for layout in flown}) == 8
         results = Results((job,))
-        assert results.layouts == ["procedural_easy"] and results.map_world(job).name == "four_properties"
-        assert [world.name for world in results.training_worlds(job)] == [
+        assert results.layouts == ["procedural_easy"] and results.map_layout(job).name == "four_properties"
+        assert [world.name for world in results.training_layouts(job)] == [
             layout.name for layout in config.training_layouts
         ]
-        worlds = [[(c.x, c.y, c.radius, c.effect) for c in world.circles] for world in results.worlds(job)]
+        worlds = [[(c.x, c.y, c.radius, c.effect) for c in world.circles] for world in results.run_layouts(job)]
         assert worlds == [[(*c.center, c.radius, c.effect) for c in layout.circles] for layout in expected]
         assert results.exploration(job).counts.shape == (4, 20, 30)
 
@@ -428,25 +428,27 @@ def test_losses_go_to_tensorboard_where_that_is_asked_for(
     pytest.importorskip("tensorboard")
     assert in_process(monkeypatch, "affmap", [*line(tmp_path, *SWEEP), "logger=tensorboard"]) == 0
     for name in ("validation.csv", "runs.csv", "weights.safetensors"):
-        found, expected = (
+        actual, expected = (
             {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob(f"store/*/*/{name}")}
             for folder in (tmp_path, swept)
         )
-        assert len(found) == 2 and found == {each: expected[each] for each in found}, name  # others may have added some
+        assert len(actual) == 2 and actual == {each: expected[each] for each in actual}, (
+            name
+        )  # others may have added some
     boards = {path.name for path in (tmp_path / "output" / "tensorboard").iterdir()}
     trained = {config.model.context_size: TRAIN.of(config).digest for config in jobs(tmp_path, *SWEEP)}
     assert boards == {f"context{size}_{digest}" for size, digest in trained.items()}
 
 
 @pytest.mark.parametrize("asked", [SWEEP, ["search=training", "hydra.sweeper.num_trials=1"]], ids=["sweep", "search"])
-def test_a_missing_tensorboard_is_told_before_anything_runs(
+def test_a_missing_tensorboard_is_reported_before_anything_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str]
 ) -> None:
     """One sentence with the remedy."""
     monkeypatch.setattr(affmap.pipeline.job, "find_spec", lambda name: None)
     assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), "logger=tensorboard"]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1 and "pip install 'affmap[tensorboard]'" in told and "logger=csv" in told
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1 and "pip install 'affmap[tensorboard]'" in message and "logger=csv" in message
     assert not list(tmp_path.rglob("*"))
 
 
@@ -509,7 +511,7 @@ def test_a_report_of_other_results_is_not_replaced(
 def test_a_report_and_all_that_it_comes_from_can_be_checked(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whole; then a table changed, a stage damaged, and what is asked about is more than was run: each is told."""
+    """Whole; then a table changed, a stage corrupted, and a sweep larger than the one run: each is reported."""
     folder = tmp_path / "checked"
     shutil.copytree(swept, folder)
     arguments = line(folder, *SWEEP)
@@ -523,13 +525,13 @@ def test_a_report_and_all_that_it_comes_from_can_be_checked(
     )
     table = folder / "output/tables/runs.csv"
     table.write_text(table.read_text().replace("0.", "1.", 1))
-    weights = found(folder, "model.context_size=1").train[0] / "weights.safetensors"
+    weights = find_setting(folder, "model.context_size=1").train[0] / "weights.safetensors"
     weights.write_bytes(weights.read_bytes()[:-1])
     more = [each.replace("=0,1", "=0,1,2") for each in arguments]
     assert in_process(monkeypatch, "affmap-report", ["--check", *more]) == 1
-    told = capsys.readouterr().err
-    assert f"{table} is not as it was written." in told and f"{weights} is damaged; remove the folder" in told
-    assert told.count(" is missing.") == 4  # the third setting's training, predictions, maps and control
+    message = capsys.readouterr().err
+    assert f"{table} is not as it was written." in message and f"{weights} is corrupted; remove the folder" in message
+    assert message.count(" is missing.") == 4  # the third setting's training, predictions, maps and control
 
 
 @pytest.mark.parametrize("entry", ["affmap-report", "affmap-publish"])
@@ -541,7 +543,7 @@ def test_flags_are_not_swallowed(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--help"], "planner: cem, gradient"),
         (["experiment=exp1", "model.context_size=3", "--cfg", "job"], "context_size: 3"),
@@ -552,12 +554,12 @@ def test_hydra_s_own_flags(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     arguments: list[str],
-    told: str,
+    message: str,
 ) -> None:
-    """What every Hydra application offers; nothing is run."""
+    """Flags of every Hydra application; nothing is run."""
     monkeypatch.chdir(tmp_path)
     assert in_process(monkeypatch, "affmap", arguments) == 0
-    assert told in capsys.readouterr().out
+    assert message in capsys.readouterr().out
     assert not list(tmp_path.iterdir())
 
 
@@ -566,8 +568,8 @@ def test_every_command_has_help(
     entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert in_process(monkeypatch, entry, ["--help"]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(f"`{entry}`: ") and "It takes Hydra overrides, such as experiment=exp1" in told
+    message = capsys.readouterr().out
+    assert message.startswith(f"`{entry}`: ") and "It takes Hydra overrides, such as experiment=exp1" in message
 
 
 def test_a_configuration_that_cannot_be_run_is_not_printed(

@@ -1,4 +1,4 @@
-"""How a sweep stands: against states made by hand, and against real sweeps in which a job fails."""
+"""The status of a sweep: against states made by hand, and against real sweeps in which a job fails."""
 
 import re
 import shutil
@@ -29,8 +29,8 @@ FOUND = [
 ]
 
 
-def cells(found: list[JobStatus]) -> list[tuple[str, ...]]:
-    drawn = table(found)
+def cells(actual: list[JobStatus]) -> list[tuple[str, ...]]:
+    drawn = table(actual)
     columns = [[str(cell) for cell in column.cells] for column in drawn.columns]
     return list(zip(*columns, strict=True))
 
@@ -60,18 +60,18 @@ def test_what_nothing_tells_is_not_guessed() -> None:
     assert summary([JobStatus("size=0", (MAP,))]).endswith("0:00 spent, ? left, one job at a time")
 
 
-@pytest.mark.parametrize(("seconds", "told"), [(0.4, "0:00"), (59.6, "1:00"), (3599, "59:59"), (36000, "10:00:00")])
-def test_durations(seconds: float, told: str) -> None:
-    assert duration(seconds) == told
+@pytest.mark.parametrize(("seconds", "message"), [(0.4, "0:00"), (59.6, "1:00"), (3599, "59:59"), (36000, "10:00:00")])
+def test_durations(seconds: float, message: str) -> None:
+    assert duration(seconds) == message
 
 
 def test_failures_have_their_reason_and_their_log() -> None:
-    damaged = JobStatus("size=5", (StageStatus("data", "h", State("damaged", error="x is damaged; remove it")),))
-    assert failures([*FOUND, damaged]) == [
+    corrupted = JobStatus("size=5", (StageStatus("data", "h", State("corrupted", error="x is corrupted; remove it")),))
+    assert failures([*FOUND, corrupted]) == [
         "size=2: another job works on it",
         "size=3: ValueError: no luck\n    log: /logs/e/affmap.log",
         "size=4: it was not begun",
-        "size=5: x is damaged; remove it",
+        "size=5: x is corrupted; remove it",
     ]
 
 
@@ -93,7 +93,7 @@ def test_a_failed_job_does_not_stop_the_others_and_is_named_at_the_end(failing: 
     said = (failing / "said.txt").read_text()
     log = "output/jobs/0_context0_cem/affmap.log"
     assert re.search(rf"1 of 3 settings are not complete:\nmodel.context_size=0: \w+Error: .*\n    log: {log}\n", said)
-    assert "the same command goes on where this one stopped." in said
+    assert "run the same command again to resume." in said
     logs = {path.parent.name: path.read_text() for path in failing.rglob("affmap.log")}
     assert len(logs) == 3
     assert "Traceback" in logs["0_context0_cem"] and "checkpoint.tmp" in logs["0_context0_cem"]
@@ -104,7 +104,7 @@ def test_a_failed_job_does_not_stop_the_others_and_is_named_at_the_end(failing: 
 def test_the_status_of_a_folder_is_that_of_its_sweep(
     failing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of the folder, of the overrides, and of all that is in `runs`: the same rows; nothing is written."""
+    """By folder, by overrides, and for all of `runs`: the same rows; nothing is written."""
     before = sorted(failing.rglob("*"))
     overrides = [*line(failing), "model.context_size=0,1,2"]
     (failing / "runs").symlink_to(failing)
@@ -127,16 +127,16 @@ def test_the_status_of_a_folder_is_that_of_its_sweep(
 def test_a_sweep_that_cannot_be_read_does_not_hide_the_others(
     failing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A key was renamed since; trials were edited: each is named, and what can be told is."""
+    """A key was renamed since; trials were edited: each is named, and the others are reported."""
     older, edited = failing / "older", failing / "edited"
-    sweep.note(older, ["training.old_name=3"])
-    sweep.note(edited, [*line(failing), "search=cem", f"output={edited}"])
+    sweep.write_note(older, ["training.old_name=3"])
+    sweep.write_note(edited, [*line(failing), "search=cem", f"output={edited}"])
     (edited / "jobs/trials.jsonl").write_text("[]\n")
     folders = [str(folder) for folder in (older, edited, failing / "output")]
     assert in_process(monkeypatch, "affmap-status", folders) == 2
     captured = capsys.readouterr()
     assert f"{older}: " in captured.err and "old_name" in captured.err
-    assert f"{edited / 'jobs/trials.jsonl'} is damaged" in captured.err
+    assert f"{edited / 'jobs/trials.jsonl'} is corrupted" in captured.err
     assert "2 of 3 settings complete, 1 failed" in captured.out
     shutil.rmtree(older)
     shutil.rmtree(edited)
@@ -150,23 +150,23 @@ def test_of_many_settings_only_those_are_listed_that_need_a_look() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
-        (["runs/nothing"], "runs/nothing/jobs/sweep.json does not say what was run"),
+        (["runs/nothing"], "runs/nothing/jobs/sweep.json is missing or corrupted"),
         (["runs/nothing", "seed=3"], "takes either folders"),
         (["--all"], "--all is not known here"),
     ],
 )
-def test_a_mistake_is_told(
+def test_a_mistake_is_reported(
     arguments: list[str],
-    told: str,
+    message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert in_process(monkeypatch, "affmap-status", arguments) == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_without_sweeps_there_is_nothing_to_tell(

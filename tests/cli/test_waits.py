@@ -29,7 +29,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("module", "flags", "told"),
+    ("module", "flags", "message"),
     [
         ("run", [], "1 of 1 settings are complete."),
         ("status", [], "1 of 1 settings complete"),
@@ -37,11 +37,13 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("report", ["--check"], "every file is as it was written"),
     ],
 )
-def test_nothing_slow_is_imported_where_all_is_complete(swept: Path, module: str, flags: list[str], told: str) -> None:
+def test_nothing_slow_is_imported_where_all_is_complete(
+    swept: Path, module: str, flags: list[str], message: str
+) -> None:
     """In a process of its own, by what Python has imported at the end."""
     code = CALL.format(module=module, slow=SLOW)
     arguments = [sys.executable, "-c", code, *line(swept, *SWEEP), *flags]
     result = subprocess.run(arguments, capture_output=True, text=True, env=ENVIRONMENT, timeout=120)
     assert result.returncode == 0, result.stderr
-    assert told in result.stdout
+    assert message in result.stdout
     assert result.stdout.splitlines()[-1] == "imported:"

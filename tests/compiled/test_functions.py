@@ -50,8 +50,8 @@ def test_logarithms_at_the_limits() -> None:
 
 def test_inverse_of_the_error_function_at_its_limits() -> None:
     """6, where the inverse is infinite: PyTorch's value is clamped to that."""
-    found = applied(functions.erf_inverse, np.array([1, -1, 0, 0.5, -0.5, 0.25, 0.75, 0], f32))
-    assert found[0] == 6 and found[1] == -6 and found[2] == 0
+    actual = applied(functions.erf_inverse, np.array([1, -1, 0, 0.5, -0.5, 0.25, 0.75, 0], f32))
+    assert actual[0] == 6 and actual[1] == -6 and actual[2] == 0
 
 
 def test_sigmoids_are_four_of_them() -> None:

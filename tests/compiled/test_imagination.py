@@ -15,7 +15,7 @@ from affmap.env.layout import Layout
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 from affmap.planning.objective import expected_free_energy
 
 WORLD = Layout.load("layout", "original").map
@@ -247,7 +247,7 @@ def test_problems_alone() -> None:
         assert torch.equal(alone.objective(begin, goal[here], std[here], 1.0)(actions[here])[0], together[b])
 
 
-class _Own(TransitionModel):
+class _Own(MLP):
     """Somebody's model, which may compute anything."""
 
 
@@ -290,12 +290,15 @@ def test_many_candidates_with_exact_look_ups_are_left_to_pytorch() -> None:
     assert gradient.abs().max() > 0
 
 
-@pytest.mark.parametrize("kind", ["another model", "no vision model", "float64"])
+@pytest.mark.parametrize("kind", ["another model", "a hidden state", "no vision model", "float64"])
 def test_other_models_look_ups_and_numbers_are_left_to_pytorch(kind: str) -> None:
     stack = make_stack(3)
     lookup: AffordanceMap | ExactLookup = make_map(stack)
     if kind == "another model":
         stack = Stack(stack.settings, WORLD.num_channels, SEEDS, _Own)
+    elif kind == "a hidden state":
+        gru = ModelSettings.load("model", "default", context_size=3, transition={"kind": "gru"})
+        stack = Stack(gru, WORLD.num_channels, SEEDS).requires_grad_(False)
     elif kind == "no vision model":
         stack = make_stack(0)
         lookup = ExactLookup(stack, [WORLD])

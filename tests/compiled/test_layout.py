@@ -1,10 +1,10 @@
-"""Where parameters stand in matrices: each has a place of its own, and transposing brings it to the other."""
+"""Places of parameters in matrices: each has a place of its own, and transposing brings it to the other."""
 
 import numpy as np
 import pytest
 
 from affmap.compiled import lanes
-from affmap.compiled.layout import WIDTH, Parameters, filled, layout
+from affmap.compiled.layout import WIDTH, Parameters, layout, round_up
 
 CASES = [(9, 4, 8, 1, 32), (36, 4, 16, 5, 7), (36, 8, 32, 32, 32), (9, 4, 8, 0, 8)]
 
@@ -16,7 +16,7 @@ def test_a_vector_holds_as_much_as_in_lanes() -> None:
 
 def test_the_next_multiple_of_eight() -> None:
     """By hand."""
-    assert [filled(count) for count in (0, 1, 7, 8, 9, 36)] == [0, 8, 8, 8, 16, 40]
+    assert [round_up(count) for count in (0, 1, 7, 8, 9, 36)] == [0, 8, 8, 8, 16, 40]
 
 
 @pytest.mark.parametrize("case", CASES)

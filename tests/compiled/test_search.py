@@ -68,12 +68,12 @@ def test_plans_are_those_of_pytorch() -> None:
 
     def plans(wanted: bool) -> list[torch.Tensor]:
         generators = [np.random.default_rng(seed) for seed in range(B)]
-        state, found = planner.initial(B), []
+        state, actual = planner.initial(B), []
         with compiled.switched(wanted):
             for _ in range(3):
                 plan, state = planner.plan(lambda actions: (actions - target).square().sum((2, 3)), state, generators)
-                found += [plan.actions, plan.cost, *state]
-        return found
+                actual += [plan.actions, plan.cost, *state]
+        return actual
 
     for mine, its in zip(plans(True), plans(False), strict=True):
         torch.testing.assert_close(mine, its, rtol=1e-4, atol=1e-4)

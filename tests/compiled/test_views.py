@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from affmap import compiled
-from affmap.view import EXTENT, PIXELS, Map, view
+from affmap.view import EXTENT, PIXELS, VisibleLayout, view
 
 quick = settings(max_examples=200, deadline=None, derandomize=True)
 
@@ -19,11 +19,13 @@ strange = st.sampled_from([np.nan, np.inf, -np.inf, 1e20, -1e20, 1e-30])
 
 
 @st.composite
-def worlds(draw: st.DrawFn) -> Map:
+def worlds(draw: st.DrawFn) -> VisibleLayout:
     num_channels = draw(st.integers(1, 3))
     channels = st.integers(0, num_channels - 1)
     circle = st.tuples(number, number, st.one_of(lattice.map(abs), st.floats(0.01, 1)), channels)
-    return Map((draw(st.floats(0.2, 2)), 1.0), num_channels, draw(channels), tuple(draw(st.lists(circle, max_size=5))))
+    return VisibleLayout(
+        (draw(st.floats(0.2, 2)), 1.0), num_channels, draw(channels), tuple(draw(st.lists(circle, max_size=5)))
+    )
 
 
 @quick
@@ -33,21 +35,23 @@ def worlds(draw: st.DrawFn) -> Map:
     st.sampled_from([np.float32, np.float64]),
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # NumPy's, of infinite numbers
-def test_views_are_those_of_numpy_and_torch(world: Map, places: list[tuple[float, float]], dtype: type) -> None:
+def test_views_are_those_of_numpy_and_torch(
+    world: VisibleLayout, places: list[tuple[float, float]], dtype: type
+) -> None:
     """Arrays and tensors in both precisions, rims and borders on the centres of pixels, and places that are none."""
     positions = np.array(places, dtype)
     with compiled.switched(False):
         expected = view(world, positions)
         np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
-    found = view(world, positions)
-    assert found.dtype == np.bool_ and found.shape == expected.shape
-    np.testing.assert_array_equal(found, expected)
+    actual = view(world, positions)
+    assert actual.dtype == np.bool_ and actual.shape == expected.shape
+    np.testing.assert_array_equal(actual, expected)
     np.testing.assert_array_equal(view(world, torch.from_numpy(positions)).numpy(), expected)
 
 
 def test_every_kind_of_array_is_taken() -> None:
     """Read-only, in another order, of another library, with a gradient, of a type that is not compiled: NumPy's."""
-    world = Map((3.0, 2.0), 2, 0, ((1.0, 1.0, 0.4, 1),))
+    world = VisibleLayout((3.0, 2.0), 2, 0, ((1.0, 1.0, 0.4, 1),))
     positions = np.random.default_rng(0).uniform([0.5, 0.5], [1.5, 1.5], (3, 4, 2)).astype(np.float32)
     fixed = positions.copy()
     fixed.flags.writeable = False

@@ -3,6 +3,7 @@
 import math
 import shutil
 from collections.abc import Iterator
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,12 +28,15 @@ from affmap.settings import ConfigError, folder, read
 from affmap.training.settings import TrainingSettings
 
 CONF = folder()
-GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout"))
+NESTED = ["model/transition"]
+"""Groups of what a part of another group is made of; other folders in those of groups hold more of their options."""
+GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout")) + NESTED
 LAYOUTS = sorted(path.stem for path in (CONF / "layout").glob("*.yaml"))
 OPTIONS = [
     (group, str(path.relative_to(CONF / group).with_suffix("")))
     for group in GROUPS
     for path in sorted((CONF / group).rglob("*.yaml"))
+    if path.parent == CONF / group or str(path.parent.relative_to(CONF)) not in NESTED
 ]
 Values = dict[str, Any]
 
@@ -58,7 +62,11 @@ def by_hand(**options: str) -> Values:
             for key, value in content(path).items():
                 root[key] = {**root[key], **value} if isinstance(root.get(key), dict) else value
         else:
-            root[group] = {key: value for base in _bases(path) for key, value in base.items()}
+            *parents, last = group.split("/")
+            target = root
+            for parent in parents:
+                target = target[parent]
+            target[last] = {key: value for base in _bases(path) for key, value in base.items()}
     root["output"] = root["output"].replace("${name}", root["name"])
     root["training_layouts"] = [name.replace("${world}", root["world"]) for name in root["training_layouts"]]
     for key in ("control_layout", "map_layout"):
@@ -75,7 +83,7 @@ def _bases(path: Path) -> list[Values]:
 
 def checked(values: Values, **changes: Any) -> Config:
     """Settings from plain values; keys of changes with `__` for the dots."""
-    values = {key: dict(value) if isinstance(value, dict) else value for key, value in values.items()}
+    values = deepcopy(values)
     for key, value in changes.items():
         *parents, last = key.split("__")
         target = values
@@ -96,7 +104,7 @@ def values() -> Values:
 
 
 def dump(config: Config) -> Values:
-    """Everything, also what digests leave out."""
+    """All values, also those that digests leave out."""
     fields = {key: getattr(config, key) for key in type(config).model_fields}
     return {key: dict(value) if hasattr(value, "model_dump") else value for key, value in fields.items()}
 
@@ -133,11 +141,11 @@ def test_every_option_of_every_group_can_be_used(group: str, option: str) -> Non
 @pytest.mark.parametrize("experiment", [option for group, option in OPTIONS if group == "experiment"])
 def test_every_job_of_every_experiment_at_every_scale_can_be_used(experiment: str, scale: str) -> None:
     """As many as the product of the sweep's values, all different; smoke runs say so and go elsewhere."""
-    found = jobs(experiment, scale)
+    actual = jobs(experiment, scale)
     swept = compose.values(compose.compose([f"experiment={experiment}"]))["sweep"]
-    assert len(found) == math.prod(len(str(value).split(",")) for value in swept.values())
-    assert len({CONTROL.of(job).digest for job in found}) == len(found)
-    for job in found:
+    assert len(actual) == math.prod(len(str(value).split(",")) for value in swept.values())
+    assert len({CONTROL.of(job).digest for job in actual}) == len(actual)
+    for job in actual:
         assert job.name == experiment
         assert (job.notice is None) == (scale == "full") == (job.output == Path("runs") / experiment)
 
@@ -190,6 +198,13 @@ BAD: list[tuple[str, Any, str]] = [
     ("model.hidden_size", 0, "greater than 0"),
     ("model.delta_scale", 0.0, "greater than 0"),
     ("model.contextsize", 8, "not a known key"),
+    (
+        "model.transition",
+        "gru",
+        "it should be the keys of a file of conf/model/transition; choose one by model/tr",
+    ),
+    ("model.transition.kind", "lstm", "it should be 'gru' or 'mlp'"),
+    ("model.transition.layers", 2, "not a known key"),
     ("training.num_epochs", 0, "greater than 0"),
     ("training.batch_size", 0, "greater than 0"),
     ("training.chunk_length", 0, "greater than 0"),
@@ -235,7 +250,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.compare", 3, "valid string"),
     ("report.x", 3, "valid string"),
     ("report.color", 3, "valid string"),
-    ("report.claims", "exp6", "'exp5'"),
+    ("report.claims", "exp6", "there are: exp1, exp2"),
     ("report.names", "EB", "valid dictionary"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
     ("report.paper_figures", 4, "valid dictionary"),
@@ -293,7 +308,7 @@ def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     assert keys - listed - free - physics == set()
 
 
-NEUTRAL = {"report": {"x", "color", "paper_figures"}}
+NEUTRAL = {"report": {"x", "color", "paper_figures"}, "model": {"transition"}}
 """Keys that may be missing, which says the same as their neutral value."""
 
 
@@ -353,11 +368,11 @@ def own_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
     ("copied", "changes", "key", "message"),
     [
         ("original", {}, "control_layout", "name = 'original' must be that of the file, 'mine'"),
-        ("procedural_easy", {"name": "mine", "count": [70, 70]}, "control_layout", "no world was found"),
+        ("procedural_easy", {"name": "mine", "count": [70, 70]}, "control_layout", "no layout was found"),
         ("original", {"name": "mine", "start_margin": 0.05}, "training_layouts", "too small for a vehicle"),
     ],
 )
-def test_a_layout_that_cannot_be_used_is_told_before_anything_runs(
+def test_a_layout_that_cannot_be_used_is_reported_before_anything_runs(
     own_layouts: Path, copied: str, changes: Values, key: str, message: str
 ) -> None:
     """A name that is not the file's, rules that no world obeys, a corner that is no place to start in."""
@@ -403,6 +418,8 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("members", 24, "train map control"),
     ("model.context_size", 5, "train map control"),
     ("model.delta_scale", 1.0, "train map control"),
+    ("model.transition", {"kind": "mlp"}, ""),
+    ("model.transition", {"kind": "gru"}, "train map control"),
     ("training.num_epochs", 49, "train map control"),
     ("training.vision_lr", 0.001, "train map control"),
     ("training.vision_lr", [0.00075], "train map control"),
@@ -479,8 +496,8 @@ def test_every_number_of_a_group_changes_the_stages_of_its_group(values: Values)
 
 def test_the_reference_s_models_are_found() -> None:
     """Experiment I's: their folders of 2026, by name."""
-    found = {job.model.context_size: TRAIN.of(job).digest for job in jobs("exp1", "full")}
-    assert found == {
+    actual = {job.model.context_size: TRAIN.of(job).digest for job in jobs("exp1", "full")}
+    assert actual == {
         0: "a4af59933f2cf7f5",
         1: "a0ceaccea039d92e",
         3: "bf4bd236cc54a04c",
@@ -504,10 +521,10 @@ def test_lists_make_trials_if_they_have_one_length(lists: dict[str, list[float]]
         with pytest.raises(ConfigError, match=r"_(lr|max_norm) has \d values, but \w+ has \d; lists need one for each"):
             TrainingSettings.load("training", "default", **lists)
     else:
-        found = TrainingSettings.load("training", "default", **lists)
-        assert found.num_trials == (lengths.pop() if lists else None)
-        assert found.per_trial == {key: tuple(values) for key, values in lists.items()}
-        assert found.model_dump(mode="json") == plain.model_dump(mode="json") | lists
+        actual = TrainingSettings.load("training", "default", **lists)
+        assert actual.num_trials == (lengths.pop() if lists else None)
+        assert actual.per_trial == {key: tuple(values) for key, values in lists.items()}
+        assert actual.model_dump(mode="json") == plain.model_dump(mode="json") | lists
 
 
 def all_layouts(config: Config) -> list[Layout | Procedural]:
@@ -518,9 +535,9 @@ def all_layouts(config: Config) -> list[Layout | Procedural]:
 @pytest.mark.parametrize("line", [["experiment=exp5"], ["experiment=exp4"], ["world=original"]])
 def test_one_key_says_where_terrains_act_in_all_layouts(line: list[str], acts: Acts) -> None:
     """Each layout's own file with this one value; also of a world that is drawn, and of no key, as the files say."""
-    plain, told = sweep.jobs(sweep.complete(line)), sweep.jobs(sweep.complete([*line, f"acts={acts}"]))
-    assert len(plain) == len(told)
-    for before, after in zip(plain, told, strict=True):
+    plain, explicit = sweep.jobs(sweep.complete(line)), sweep.jobs(sweep.complete([*line, f"acts={acts}"]))
+    assert len(plain) == len(explicit)
+    for before, after in zip(plain, explicit, strict=True):
         for own, layout in zip(all_layouts(before), all_layouts(after), strict=True):
             assert own == type(own).load("layout", own.name)
             assert layout == type(own).load("layout", own.name, acts=acts)
@@ -531,13 +548,13 @@ def test_one_key_says_where_terrains_act_in_all_layouts(line: list[str], acts: A
 def test_layouts_that_act_at_the_rim_have_the_names_they_had_before_they_could_say_so(own_layouts: Path) -> None:
     """Experiment V with `acts=rim`, against the same files without the key; as they are, every stage is another one."""
     line = ["experiment=exp5", "model.context_size=0"]
-    told, plain = (sweep.jobs(sweep.complete([*line, *more])) for more in (["acts=rim"], []))
+    explicit, plain = (sweep.jobs(sweep.complete([*line, *more])) for more in (["acts=rim"], []))
     for path in own_layouts.glob("*.yaml"):
         path.write_text("".join(row for row in path.read_text().splitlines(True) if not row.startswith("acts:")))
     read.cache_clear()
     before = sweep.jobs(sweep.complete(line))
     assert len(before) == 2
-    for without, rim, center in zip(before, told, plain, strict=True):
+    for without, rim, center in zip(before, explicit, plain, strict=True):
         assert "acts" not in str([layout.plain for layout in all_layouts(without)])
         assert digests(rim) == digests(without)
         assert not set(digests(center).values()) & set(digests(rim).values())

@@ -1,4 +1,4 @@
-"""Searches through the real commands at the tiniest scale: what is tried, what for, and what is told of it."""
+"""Searches through the real commands at the tiniest scale: space, objective and messages."""
 
 import csv
 import shutil
@@ -47,14 +47,14 @@ def test_a_search_ends_with_a_report(
     monkeypatch.chdir(tmp_path)
     arguments = line(tmp_path, f"search={space}", *QUICK)
     assert in_process(monkeypatch, "affmap", arguments) == 0, capsys.readouterr().err
-    found = trials(tmp_path / "output")
-    assert len(found) == 4 and {row["status"] for row in found} == {"ok"}
+    actual = trials(tmp_path / "output")
+    assert len(actual) == 4 and {row["status"] for row in actual} == {"ok"}
     config = single(tmp_path, "planner=gradient" if space == "gradient" else "planner=cem")
     if space == "training":
         (alone,) = pipeline.validation(config)
     else:
         alone = pd.read_csv(pipeline.run(config).control[0] / "runs.csv")["mean_distance"].mean()
-    assert float(found[0]["result"]) == pytest.approx(alone, abs=2e-3)
+    assert float(actual[0]["result"]) == pytest.approx(alone, abs=2e-3)
     assert in_process(monkeypatch, "affmap-status", [str(tmp_path / "output")]) == 0
     assert "4 of 4 trials complete" in capsys.readouterr().out
     before = (tmp_path / "output/jobs/trials.jsonl").read_bytes()
@@ -98,9 +98,9 @@ def test_the_issue_s_own_command_line(tmp_path: Path) -> None:
     ]
     result = command(tmp_path, *overrides)
     assert result.returncode == 0, result.stderr
-    found = trials(tmp_path / "output")
-    failed = [row for row in found if row["status"] == "fail"]
-    assert len(found) == 5 and failed and all(row["planner.momentum"] == "1.5" for row in failed)
+    actual = trials(tmp_path / "output")
+    failed = [row for row in actual if row["status"] == "fail"]
+    assert len(actual) == 5 and failed and all(row["planner.momentum"] == "1.5" for row in failed)
     logs = [path.read_text() for path in (tmp_path / "output/jobs").glob("*/affmap.log")]
     assert sum("planner.momentum = 1.5 is not allowed" in text for text in logs) == len(failed)
     assert len(list((tmp_path / "store/train").iterdir())) == 5 - len(failed)
@@ -109,9 +109,8 @@ def test_the_issue_s_own_command_line(tmp_path: Path) -> None:
 def test_what_is_no_fault_of_the_values_is_no_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A damaged model: the search ends with status 1 and the remedy, keeps the trials that it has, and, when the remedy
-    is followed, ends as one that nothing happened to; keys that change no result may be others, and a report on the way
-    says how far it is."""
+    """A corrupted model: the search ends with status 1 and the remedy, and keeps its trials. With the remedy,
+    it ends as an undisturbed one; irrelevant keys may change, and a report on the way states the progress."""
     monkeypatch.chdir(tmp_path)
     wanted = [*QUICK, "search=cem"]
     whole = line(tmp_path / "whole", *wanted)
@@ -125,8 +124,11 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
     weights.write_bytes(weights.read_bytes()[:-1])
     capsys.readouterr()
     assert in_process(monkeypatch, "affmap", own) == 1
-    told = capsys.readouterr().err
-    assert f"{weights} is damaged; remove the folder {train}" in told and "the same command tries it again" in told
+    message = capsys.readouterr().err
+    assert (
+        f"{weights} is corrupted; remove the folder {train}" in message
+        and "run the same command to try it again" in message
+    )
     assert len(trials(tmp_path / "own/output")) == 2
     assert in_process(monkeypatch, "affmap-report", own) == 0
     assert "PARTIAL: 2 of 4 trials are complete**" in capsys.readouterr().out
@@ -136,7 +138,7 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
 
 
 @pytest.mark.parametrize(
-    ("overrides", "told"),
+    ("overrides", "message"),
     [
         (["hydra/sweeper=hyperopt", "model.context_size=1,2"], "a search needs an objective"),
         (["search=training", "objective=success"], "objective=success needs hydra.sweeper.direction=maximize"),
@@ -148,9 +150,9 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
         (["search=cem", "objective=validation_nll"], "objective=validation_nll does not depend on planner.horizon, "),
     ],
 )
-def test_a_mistake_is_told(
+def test_a_mistake_is_reported(
     overrides: list[str],
-    told: str,
+    message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -159,7 +161,7 @@ def test_a_mistake_is_told(
     monkeypatch.chdir(tmp_path)
     assert in_process(monkeypatch, "affmap", line(tmp_path, *overrides)) == 2
     error = capsys.readouterr().err
-    assert told in error and "Traceback" not in error
+    assert message in error and "Traceback" not in error
     assert not (tmp_path / "store").exists()
 
 
@@ -174,5 +176,5 @@ def test_a_report_needs_trials(
 ) -> None:
     for entry in ("affmap-report", "affmap-publish"):
         assert in_process(monkeypatch, entry, line(tmp_path, "search=cem", "notice=null")) == 2
-        told = capsys.readouterr().err
-        assert "holds no trials; run `affmap`" in told or "holds no search of these results" in told
+        message = capsys.readouterr().err
+        assert "holds no trials; run `affmap`" in message or "holds no search of these results" in message

@@ -14,7 +14,7 @@ from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.transition import Carry, TransitionModel
+from affmap.model.transition import MLP, Carry
 from affmap.model.windows import take_apart
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
@@ -29,8 +29,9 @@ SEEDS, AGENTS, H = (4, 5), 3, 3
 B = len(SEEDS) * AGENTS
 
 
-def stack(*seeds: int, context_size: int = 3) -> Stack:
-    return Stack(ModelSettings.load("model", "default", context_size=context_size), WORLD.num_channels, seeds)
+def stack(*seeds: int, context_size: int = 3, transition: str = "mlp") -> Stack:
+    changes = {"context_size": context_size, "transition": {"kind": transition}}
+    return Stack(ModelSettings.load("model", "default", **changes), WORLD.num_channels, seeds)
 
 
 def observations(seed: int = 0) -> Observation:
@@ -102,7 +103,7 @@ def test_the_first_action_of_the_plan_is_executed_and_states_are_handed_on() -> 
     assert state.planner == 8 and planner.states == [(B, "cpu"), (7, streams)]
 
 
-class Counting(TransitionModel):
+class Counting(MLP):
     """A recurrent model that counts the steps, and expects to move as far."""
 
     def initial(self, num_sequences: int = 1) -> Carry:
@@ -132,6 +133,46 @@ def test_a_recurrent_model_remembers_what_was_executed_and_forgets_what_was_imag
             moves = decision.path.mean - torch.cat([seen.position[:, None], decision.path.mean[:, :-1]], dim=1)
             counts = torch.arange(H) + step + 1.0
             torch.testing.assert_close(moves, counts[:, None].expand(num_problems, H, 2))
+
+
+@torch.no_grad()
+def test_a_recurrent_agent_imagines_from_the_state_that_its_flight_has_left() -> None:
+    """PyTorch's own cell for each vehicle alone: the state follows from views and executed actions; candidates start
+    from the state before the step, with codes looked up where they would be."""
+    whole = stack(*SEEDS, transition="gru")
+    lookup, planner = AffordanceMap.paint(whole, [WORLD], 0.1), Fixed(random_actions(B))
+    agent = Agent(whole, lookup, planner, ControlSettings.load("control", "default"))
+    flight = [observations(step) for step in range(3)]
+    state, decisions = agent.initial(B), []
+    for seen in flight:
+        decision, state = agent.act(seen, state, [])
+        decisions.append(decision)
+    for b in range(B):
+        member = b // AGENTS
+        weights = {name: value[member] for name, value in whole.transition.state_dict().items()}
+        cell = torch.nn.GRUCell(6 + 3, 32)
+        names = ("input_weight", "hidden_weight", "input_bias", "hidden_bias")
+        for parameter, name in zip(cell.parameters(), names, strict=True):
+            parameter.copy_(weights[name].movedim(0, -1))
+
+        def step(code: Tensor, delta: Tensor, action: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
+            """The next state, and means and logarithms of deviations."""
+            hidden = cell(torch.cat([4 * delta, action, code])[None], hidden)  # noqa: B023
+            outputs = hidden[0] @ weights["output.weight"] + weights["output.bias"]  # noqa: B023
+            return hidden, torch.cat([outputs[:2] / 4, (outputs[2:].exp() / 4).log()])
+
+        hidden, plan = torch.zeros(1, 32), planner.actions[b]
+        for seen, decision in zip(flight, decisions, strict=True):
+            position, delta, imagined = seen.position[b], seen.delta[b], hidden
+            for t in range(H):
+                code = lookup(position.expand(len(SEEDS), 1, 2))[member, 0]
+                imagined, outputs = step(code, delta, plan[t], imagined)
+                delta = outputs[:2]
+                position = position + delta
+                torch.testing.assert_close(decision.path.mean[b, t], position, atol=1e-5, rtol=0)
+            code = whole.encode(take_apart(seen.view[b][None, None]))[member, 0]
+            hidden, outputs = step(code, seen.delta[b], plan[0], hidden)
+            torch.testing.assert_close(torch.cat([part[b] for part in decision.delta]), outputs, atol=1e-5, rtol=0)
 
 
 def test_the_expected_path_is_that_of_the_plan() -> None:
@@ -184,12 +225,13 @@ PLANNERS: dict[str, Planner] = {
 
 @pytest.mark.parametrize("kind", PLANNERS)
 @pytest.mark.parametrize("context_size", [0, 3])
-def test_agents_together_are_each_alone(kind: str, context_size: int) -> None:
+@pytest.mark.parametrize("transition", ["mlp", "gru"])
+def test_agents_together_are_each_alone(kind: str, context_size: int, transition: str) -> None:
     """Two steps; each agent with a stack of its own member, its own generator and its own planner's state."""
     settings = ControlSettings.load("control", "default")
 
     def decide(seeds: tuple[int, ...], agents: slice) -> list[Decision]:
-        whole = stack(*seeds, context_size=context_size)
+        whole = stack(*seeds, context_size=context_size, transition=transition)
         agent = Agent(whole, AffordanceMap.paint(whole, [WORLD], 0.1), PLANNERS[kind], settings)
         numbers = range(B)[agents]
         streams = [np.random.default_rng(number) for number in numbers]

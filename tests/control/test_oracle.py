@@ -22,7 +22,7 @@ from affmap.env.vehicle import VehicleEnv
 from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.transition import Carry, TransitionModel
+from affmap.model.transition import MLP, Carry
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.random import generator
@@ -46,7 +46,7 @@ def oracle(layouts: Sequence[Layout], **changes: Any) -> Oracle:
     return Oracle(layouts, VEHICLE, changes.pop("planner", PLANNER), SETTINGS, **changes)
 
 
-def stack(*seeds: int, kind: type[TransitionModel] = TransitionModel) -> Stack:
+def stack(*seeds: int, kind: type[MLP] = MLP) -> Stack:
     settings = ModelSettings.load("model", "default", context_size=3)
     return Stack(settings, WORLDS[0].map.num_channels, seeds, kind).requires_grad_(False)
 
@@ -259,7 +259,7 @@ def test_half_of_the_next_step_is_the_model_s_from_the_view(true_mean: bool) -> 
     assert (learned.mean - oracle(WORLDS).predict(seen, action, ())[1].mean).abs().max() > 1e-3
 
 
-class Counting(TransitionModel):
+class Counting(MLP):
     """A recurrent model that counts the steps: its logarithms of deviations."""
 
     def initial(self, num_sequences: int = 1) -> Carry:

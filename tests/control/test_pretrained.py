@@ -126,11 +126,11 @@ def test_a_mistake_is_told(ran: Path) -> None:
             affmap.load(**arguments)
 
 
-def test_damaged_weights_are_told(ran: Path, tmp_path: Path) -> None:
+def test_corrupted_weights_are_reported(ran: Path, tmp_path: Path) -> None:
     shutil.copytree(ran, tmp_path / "copy")
     for path in (tmp_path / "copy").rglob(WEIGHTS):
         path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(StoreError, match=r"weights\.safetensors is damaged or missing; remove the folder"):
+    with pytest.raises(StoreError, match=r"weights\.safetensors is corrupted or missing; remove the folder"):
         affmap.load(tmp_path / "copy/output", context_size=1)
 
 

@@ -11,7 +11,7 @@ import torch
 
 from affmap.data.batches import Batch, DataModule, read
 from affmap.data.collect import Exploration
-from affmap.view import Map, view
+from affmap.view import VisibleLayout, view
 
 NUM_SEQUENCES, NUM_STEPS = 9, 25
 
@@ -22,7 +22,7 @@ def write(path: Path, num_sequences: int, num_steps: int) -> Path:
     position = rng.uniform(0, 1, (num_sequences, num_steps + 1, 2)).astype(np.float32)
     sequence, step = np.meshgrid(np.arange(num_sequences), np.arange(num_steps), indexing="ij")
     action = np.stack([sequence, step, 0 * step, 0 * step], axis=-1).astype(np.float32)
-    world = Map((1.0, 1.0), 2, 0, ((0.5, 0.5, 0.2, 1),))
+    world = VisibleLayout((1.0, 1.0), 2, 0, ((0.5, 0.5, 0.2, 1),))
     np.savez(path, position=position, view=view(world, position[:, :-1]), action=action)
     return path
 
@@ -41,12 +41,12 @@ def module(path: Path, epoch: int = 0, batch_size: int = 2, chunk_length: int = 
 
 def places(loader: Any) -> list[tuple[list[int], list[int], bool]]:
     """Sequences, steps and `is_first` of each batch."""
-    found = []
+    actual = []
     for batch in chain.from_iterable(loader):
         sequences, steps = batch.action[0, :, :, 0].int(), batch.action[0, :, :, 1].int()
         assert (sequences == sequences[:, :1]).all() and (steps == steps[:1]).all()
-        found.append((sequences[:, 0].tolist(), steps[0].tolist(), batch.is_first))
-    return found
+        actual.append((sequences[:, 0].tolist(), steps[0].tolist(), batch.is_first))
+    return actual
 
 
 def order(loader: Any) -> list[int]:
@@ -102,16 +102,16 @@ def test_each_epoch_holds_every_step_of_every_sequence_once_and_in_order(
     """Every pair of sequence and step written out; chunks of a batch follow each other, and the first is marked."""
     data = module(path, 0, batch_size, chunk_length)
     for loader, expected in ((data.train_dataloader(), range(6)), (data.val_dataloader(), range(6, 9))):
-        found = places(loader)
-        pairs = [(sequence, step) for sequences, steps, _ in found for sequence in sequences for step in steps]
+        actual = places(loader)
+        pairs = [(sequence, step) for sequences, steps, _ in actual for sequence in sequences for step in steps]
         assert sorted(pairs) == [(sequence, step) for sequence in expected for step in range(NUM_STEPS)]
-        assert all(len(sequences) <= batch_size and len(steps) <= chunk_length for sequences, steps, _ in found)
-        for (before, steps_before, _), (sequences, steps, is_first) in pairwise(found):
+        assert all(len(sequences) <= batch_size and len(steps) <= chunk_length for sequences, steps, _ in actual)
+        for (before, steps_before, _), (sequences, steps, is_first) in pairwise(actual):
             if is_first:
                 assert steps[0] == 0 and steps_before[-1] == NUM_STEPS - 1 and not set(sequences) & set(before)
             else:
                 assert sequences == before and steps[0] == steps_before[-1] + 1
-        assert found[0][2] and found[0][1][0] == 0
+        assert actual[0][2] and actual[0][1][0] == 0
 
 
 def test_the_order_follows_from_seed_and_epoch_alone(path: Path) -> None:
@@ -165,6 +165,6 @@ def test_a_file_with_pickles_is_refused(tmp_path: Path) -> None:
 
 
 def test_reading_uses_float32(path: Path) -> None:
-    """What the models' weights are made of."""
+    """The precision of the models' weights."""
     batch = read(path)
     assert {part.dtype for part in (batch.delta, batch.action, batch.target)} == {torch.float32}

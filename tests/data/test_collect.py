@@ -76,7 +76,7 @@ def test_several_worlds_follow_each_other_each_with_its_own_views_and_walls() ->
 
 @pytest.mark.parametrize("layout", [LAYOUT, fog()], ids=["original", "fog"])
 def test_a_sequence_does_not_depend_on_how_many_there_are(layout: Layout) -> None:
-    """The same alone: two sequences are the first two of four; and all differ."""
+    """Reference: the same alone. Two sequences are the first two of four, and all differ."""
     four, two = (collect([layout], VEHICLE, exploration(num_sequences=number)) for number in (4, 2))
     for key in four:
         np.testing.assert_array_equal(four[key][:2], two[key])
@@ -117,10 +117,10 @@ def test_touching_is_where_something_solid_is_near() -> None:
     assert LAYOUT.is_free(after[~arrays["touching"]], 0.99 * VEHICLE.radius).all()
 
 
-def test_each_finished_sequence_is_told() -> None:
-    told: list[int] = []
-    collect([LAYOUT], VEHICLE, exploration(num_sequences=3, num_steps=1), told.append)
-    assert told == [0, 1, 2]
+def test_each_finished_sequence_is_reported() -> None:
+    numbers: list[int] = []
+    collect([LAYOUT], VEHICLE, exploration(num_sequences=3, num_steps=1), numbers.append)
+    assert numbers == [0, 1, 2]
 
 
 def test_the_file_holds_no_pickles(explored: Arrays) -> None:
@@ -196,7 +196,7 @@ def test_coverage_counts_visits_and_free_squares(explored: Arrays) -> None:
     rng = np.random.default_rng(0)
     positions = np.concatenate([rng.uniform(0, (3, 2), (150, 2)), [[3.0, 2.0], [0.0, 0.0], [0.75, 0.5]]])
     for places, cell in ((positions, 0.1), (positions, 0.25), (explored["true_position"], 0.1)):
-        found = coverage(LAYOUT, VEHICLE, places, cell)
+        actual = coverage(LAYOUT, VEHICLE, places, cell)
         columns, rows = round(3 / cell), round(2 / cell)
         counts, free = np.zeros((rows, columns), int), np.zeros((rows, columns), bool)
         for x, y in places.reshape(-1, 2).astype(float):
@@ -204,11 +204,11 @@ def test_coverage_counts_visits_and_free_squares(explored: Arrays) -> None:
         for row in range(rows):
             for column in range(columns):
                 free[row, column] = LAYOUT.is_free(np.array([(column + 0.5), (row + 0.5)]) * cell, VEHICLE.radius)
-        np.testing.assert_array_equal(found["counts"], counts)
-        np.testing.assert_array_equal(found["free"], free)
+        np.testing.assert_array_equal(actual["counts"], counts)
+        np.testing.assert_array_equal(actual["free"], free)
         visited = sum(1 for count, is_free in zip(counts.flat, free.flat, strict=True) if is_free and count)
-        assert found["coverage"] == pytest.approx(visited / free.sum())
-        assert 0 < found["coverage"] < 1 and not free.all()
+        assert actual["coverage"] == pytest.approx(visited / free.sum())
+        assert 0 < actual["coverage"] < 1 and not free.all()
 
 
 @pytest.mark.parametrize(

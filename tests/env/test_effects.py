@@ -7,7 +7,8 @@ from affmap.env.body import Vehicle
 from affmap.env.effects import EFFECTS, PULLS, Effect
 from affmap.env.layout import Circle, Layout
 from affmap.env.physics import Physics
-from affmap.env.rendering import Canvas, Scene
+from affmap.env.rendering import Canvas
+from affmap.env.scene import Scene
 from affmap.report.drawing.arena import effect_handles
 
 
@@ -19,7 +20,7 @@ def test_every_effect_can_be_told_from_the_others() -> None:
 
 
 def test_a_line_makes_a_new_force(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the README says: it can be laid out, it pulls, and pictures and legends show it."""
+    """As docs/configuration.md says: it can be laid out, it pulls, and pictures and legends show it."""
     wind = Effect("blows to the left", "#123456", (-1.0, 0.0))
     monkeypatch.setitem(EFFECTS, "wind", wind)
     monkeypatch.setitem(PULLS, "wind", wind.pull)
@@ -29,8 +30,9 @@ def test_a_line_makes_a_new_force(monkeypatch: pytest.MonkeyPatch) -> None:
     physics = Physics(layout, vehicle, np.array([1.5, 1.0]))
     physics.step(np.zeros(4))
     assert physics.velocity[0] < 0 and physics.velocity[1] == 0
-    canvas = Canvas(layout.size, vehicle, window=False)
-    canvas.draw(Scene(layout, np.array([0.2, 0.2]), np.zeros(4), np.array([2.8, 1.8]), 0.1))
+    canvas = Canvas(layout.size, window=False)
+    canvas.draw(Scene(layout, vehicle.radius, np.array([0.2, 0.2]), np.array([2.8, 1.8])))
     height, width, _ = canvas.array().shape
-    assert tuple(canvas.array()[height // 2, width // 2]) == (0x12, 0x34, 0x56)
+    half = [round((255 + part) / 2) for part in (0x12, 0x34, 0x56)]
+    assert canvas.array()[height // 2 + 10, width // 2].tolist() == pytest.approx(half, abs=1), "beside its arrow"
     assert [handle.get_label() for handle in effect_handles([layout])] == ["blows to the left"]

@@ -199,16 +199,16 @@ def reached(layout: Layout, start: np.ndarray) -> np.ndarray:
         return abs(pull) <= 2**0.5
 
     begin = (round(start[0] * 100), round(start[1] * 100))
-    found = np.zeros((columns, rows), bool)
-    found[begin] = passable(*begin)
-    queue = deque([begin] if found[begin] else [])
+    actual = np.zeros((columns, rows), bool)
+    actual[begin] = passable(*begin)
+    queue = deque([begin] if actual[begin] else [])
     while queue:
         column, row = queue.popleft()
         for near in ((column + 1, row), (column - 1, row), (column, row + 1), (column, row - 1)):
-            if passable(*near) and not found[near]:
-                found[near] = True
+            if passable(*near) and not actual[near]:
+                actual[near] = True
                 queue.append(near)
-    return found
+    return actual
 
 
 effects = st.sampled_from(["obstacle", "fog", "force_up", "force_up", "force_up", "force_down", "none"])
@@ -223,10 +223,10 @@ def test_it_agrees_with_a_search_of_our_own(circles: list[tuple[float, float, fl
     layout = layout.model_copy(update={"size": (0.6, 0.6)})
     layout = layout.model_copy(update={"circles": world(*circles).circles, "acts": "rim" if rim else "center"})
     start = np.array([0.1, 0.1])
-    found = reached(layout, start)
+    actual = reached(layout, start)
     goals = np.random.default_rng(0).integers(0, 61, (20, 2))
     for column, row in goals.tolist():
-        assert crossable(layout, VEHICLE, start, np.array([column, row]) / 100) == found[column, row]
+        assert crossable(layout, VEHICLE, start, np.array([column, row]) / 100) == actual[column, row]
 
 
 def test_surface_distance_by_hand(world: Layout) -> None:

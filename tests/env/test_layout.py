@@ -190,9 +190,9 @@ def layouts(draw: st.DrawFn) -> Layout:
 def test_is_free_equals_distances_computed_one_by_one(layout: Layout, seed: int, radius: float) -> None:
     """Plain loops over 200 places in and around the arena; those within rounding of touching are left out."""
     positions = np.random.default_rng(seed).uniform(-0.1, 1.1, (200, 2)) * layout.size
-    found = layout.is_free(positions, radius)
-    assert found.shape == (200,)
-    for (x, y), free in zip(positions, found, strict=True):
+    actual = layout.is_free(positions, radius)
+    assert actual.shape == (200,)
+    for (x, y), free in zip(positions, actual, strict=True):
         gaps = [x - radius, y - radius, layout.size[0] - radius - x, layout.size[1] - radius - y]
         for one in layout.circles:
             if one.effect == "obstacle":
@@ -204,10 +204,10 @@ def test_is_free_equals_distances_computed_one_by_one(layout: Layout, seed: int,
 def test_is_free_takes_any_shape_and_never_calls_nan_free() -> None:
     layout = original()
     positions = np.random.default_rng(0).uniform([0, 0], [3, 2], (3, 4, 2))
-    found = layout.is_free(positions, 0.06)
-    assert found.shape == (3, 4) and found.any() and not found.all()
+    actual = layout.is_free(positions, 0.06)
+    assert actual.shape == (3, 4) and actual.any() and not actual.all()
     for index in np.ndindex(3, 4):
-        assert found[index] == layout.is_free(positions[index], 0.06)
+        assert actual[index] == layout.is_free(positions[index], 0.06)
     assert not layout.is_free(np.array([math.nan, 1.0]), 0.06)
 
 

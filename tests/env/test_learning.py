@@ -17,9 +17,9 @@ def test_its_checker_has_no_complaint(name: str) -> None:
     """But one of the bare environment: that policies like throttles from -1 to 1, which `RescaleAction` gives them."""
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = gymnasium.make(name, render_mode="rgb_array")
-    with pytest.warns(UserWarning, match="symmetric and normalized Box action space") as told:
+    with pytest.warns(UserWarning, match="symmetric and normalized Box action space") as caught:
         checker.check_env(env.unwrapped)
-    assert len(told) == 1
+    assert len(caught) == 1
     checker.check_env(RescaleAction(env, np.float32(-1), np.float32(1)))
 
 

@@ -38,33 +38,33 @@ def worlds() -> dict[str, list[Layout]]:
 
 def broken_rules(layout: Layout, rules: Procedural, tolerance: float = 1e-9) -> list[str]:
     """Plain loops over circles, pairs and corners; distances in closed form."""
-    (width, height), gap, found = layout.size, rules.gap, []
+    (width, height), gap, violations = layout.size, rules.gap, []
     for index, circle in enumerate(layout.circles):
         (x, y), radius = circle.center, circle.radius
         if not rules.radius[0] - tolerance <= radius <= rules.radius[1] + tolerance:
-            found.append(f"radius of {index}")
+            violations.append(f"radius of {index}")
         if min(x, y, width - x, height - y) - radius < gap - tolerance:
-            found.append(f"border distance of {index}")
+            violations.append(f"border distance of {index}")
         for left in (0, width - rules.corner_side):
             for bottom in (0, height - rules.corner_side):
                 to_square_x = max(left - x, 0, x - left - rules.corner_side)
                 to_square_y = max(bottom - y, 0, y - bottom - rules.corner_side)
                 if math.hypot(to_square_x, to_square_y) < radius - tolerance:
-                    found.append(f"{index} in a corner")
+                    violations.append(f"{index} in a corner")
     spaced_kinds = {(kind.effect, kind.channel) for kind in rules.properties if kind.spaced}
     spaced = [circle for circle in layout.circles if (circle.effect, circle.channel) in spaced_kinds]
     for one, other in combinations(spaced, 2):
         if math.dist(one.center, other.center) - one.radius - other.radius < gap - tolerance:
-            found.append(f"gap between {one.center} and {other.center}")
+            violations.append(f"gap between {one.center} and {other.center}")
     kinds = Counter((circle.effect, circle.channel) for circle in layout.circles)
     numbers = [len(layout.circles)]
     if rules.count_of == "property":
         numbers = [kinds[kind.effect, kind.channel] for kind in rules.properties]
     if not all(rules.count[0] <= number <= rules.count[1] for number in numbers):
-        found.append(f"numbers {numbers}")
+        violations.append(f"numbers {numbers}")
     if not set(kinds) <= {(kind.effect, kind.channel) for kind in rules.properties}:
-        found.append("a circle of no property")
-    return found
+        violations.append("a circle of no property")
+    return violations
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -100,7 +100,7 @@ def test_the_check_above_finds_every_kind_of_breach() -> None:
     """Worlds made by hand, one for each rule, that break that rule only."""
     rules = easy(count=[1, 2], count_of="world")
 
-    def found(*circles: tuple[float, float, float, str]) -> list[str]:
+    def violations_of(*circles: tuple[float, float, float, str]) -> list[str]:
         parts = [
             {"center": [x, y], "radius": r, "effect": e, "channel": "fog" if e == "fog" else "solid"}
             for x, y, r, e in circles
@@ -108,16 +108,18 @@ def test_the_check_above_finds_every_kind_of_breach() -> None:
         shared = {key: value for key, value in read("layout", "procedural_easy").items() if key in Layout.model_fields}
         return broken_rules(Layout(**shared, circles=parts), rules)
 
-    assert found((1.5, 1.0, 0.3, "obstacle"), (2.2, 1.0, 0.2, "fog")) == []
-    assert found((1.5, 1.0, 0.51, "obstacle")) == ["radius of 0"]
-    assert found((1.5, 1.0, 0.09, "obstacle")) == ["radius of 0"]
-    assert found((1.5, 0.34, 0.2, "obstacle")) == ["border distance of 0"]
-    assert found((2.66, 1.0, 0.2, "obstacle")) == ["border distance of 0"]
-    assert found((2.5, 0.5, 0.142, "fog")) == ["0 in a corner"]
-    assert found((0.59, 1.7, 0.1, "fog")) == [] and found((0.49, 1.7, 0.1, "fog")) == ["0 in a corner"]
-    assert found((1.5, 1.0, 0.3, "fog"), (2.14, 1.0, 0.2, "obstacle")) == ["gap between (1.5, 1.0) and (2.14, 1.0)"]
-    assert found((1.2, 1.0, 0.1, "fog"), (1.6, 1.0, 0.1, "fog"), (2.0, 1.0, 0.1, "fog")) == ["numbers [3]"]
-    assert found((1.5, 1.0, 0.1, "none")) == ["a circle of no property"]
+    assert violations_of((1.5, 1.0, 0.3, "obstacle"), (2.2, 1.0, 0.2, "fog")) == []
+    assert violations_of((1.5, 1.0, 0.51, "obstacle")) == ["radius of 0"]
+    assert violations_of((1.5, 1.0, 0.09, "obstacle")) == ["radius of 0"]
+    assert violations_of((1.5, 0.34, 0.2, "obstacle")) == ["border distance of 0"]
+    assert violations_of((2.66, 1.0, 0.2, "obstacle")) == ["border distance of 0"]
+    assert violations_of((2.5, 0.5, 0.142, "fog")) == ["0 in a corner"]
+    assert violations_of((0.59, 1.7, 0.1, "fog")) == [] and violations_of((0.49, 1.7, 0.1, "fog")) == ["0 in a corner"]
+    assert violations_of((1.5, 1.0, 0.3, "fog"), (2.14, 1.0, 0.2, "obstacle")) == [
+        "gap between (1.5, 1.0) and (2.14, 1.0)"
+    ]
+    assert violations_of((1.2, 1.0, 0.1, "fog"), (1.6, 1.0, 0.1, "fog"), (2.0, 1.0, 0.1, "fog")) == ["numbers [3]"]
+    assert violations_of((1.5, 1.0, 0.1, "none")) == ["a circle of no property"]
 
 
 @pytest.mark.parametrize("name", ["procedural_hard", "procedural_crowded_hard"])
@@ -198,7 +200,7 @@ def test_six_to_ten_of_each_kind_do_not_fit_and_six_to_ten_in_all_do() -> None:
 
 
 def test_worlds_say_where_their_terrains_act_as_their_rules_do() -> None:
-    """The same circles from the same generator; the files' rule, the other one, and none, which is the rim."""
+    """Equal circles from equal generators; the files' rule, the other one, and none, which is the rim."""
     content = {key: value for key, value in read("layout", "procedural_hard").items() if key != "acts"}
     drawn = {
         acts: Procedural.checked(content | keys, "here").draw(generator(1, "worlds"))
@@ -318,7 +320,7 @@ def test_impossible_rules_end_with_a_sentence(changes: dict[str, Any]) -> None:
     """50 circles whose area alone exceeds the arena's; within seconds."""
     rules = easy(count=[50, 50], count_of="world", **changes)
     begin = time.process_time()
-    with pytest.raises(ValueError, match="no world was found") as caught:
+    with pytest.raises(ValueError, match="no layout was found") as caught:
         rules.draw(np.random.default_rng(0))
     assert time.process_time() - begin < 10
     wanted = ["layout 'procedural_easy'", "count = [50, 50]", f"radius = {list(rules.radius)}", f"gap = {rules.gap}"]

@@ -41,7 +41,7 @@ MADE = ["affmap/Original-v0", "affmap/ProceduralEasy-v0"]
 
 
 def run(code: str) -> str:
-    """What a process of its own prints; warnings are errors."""
+    """The output of a process of its own; warnings are errors."""
     command = [sys.executable, "-W", "error", "-W", "ignore:builtin type:DeprecationWarning", "-c", code]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
@@ -80,8 +80,8 @@ def test_every_environment_can_be_made_and_passes_gymnasium_s_checker(name: str,
 )
 def test_importing_both_in_either_order_registers(code: str) -> None:
     """In a process of its own; or Gymnasium imports the package that stands before the colon."""
-    found = run(f"{code}; print(*[name for name in gymnasium.registry if name.startswith('affmap')], sep='\\n')")
-    assert set(found.split()) == set(environments())
+    actual = run(f"{code}; print(*[name for name in gymnasium.registry if name.startswith('affmap')], sep='\\n')")
+    assert set(actual.split()) == set(environments())
 
 
 def test_registering_reads_no_layout() -> None:
@@ -106,7 +106,7 @@ def test_it_is_registered_once() -> None:
 
 
 def test_a_seed_draws_a_world_and_each_reset_another() -> None:
-    """The same environment made twice: worlds and flights are bit-equal, and the worlds differ from reset to reset."""
+    """One environment made twice: layouts and flights are bit-equal, and layouts differ from reset to reset."""
     envs = [VehicleEnv("procedural_easy") for _ in range(2)]
     drawn: list[Layout] = []
     for seed in (3, None, None, 3, 4):
@@ -138,14 +138,14 @@ def test_worlds_that_are_drawn_obey_their_rules_and_are_seen_and_felt() -> None:
 
 
 def test_before_the_first_reset_there_is_no_world_to_look_at() -> None:
-    with pytest.raises(gymnasium.error.ResetNeeded, match=r"Call reset\(\) first: it draws the world"):
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"Call reset\(\) first: it draws the layout"):
         VehicleEnv("procedural_easy").probe([[1.0, 1.0]])
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"count": (60, 60)}, "no world was found"),
+        ({"count": (60, 60)}, "no layout was found"),
         ({"start_margin": 0.05}, "too small for a vehicle of radius 0.06"),
     ],
 )
@@ -161,14 +161,14 @@ def test_environments_in_a_vector_equal_each_alone(name: str, mode: str) -> None
     """N separate runs: environment `i` of a vector gets the seed `seed + i`; in one process, and in one for each."""
     envs = gymnasium.make_vec(name, num_envs=3, vectorization_mode=mode)
     observations, _ = envs.reset(seed=11)
-    found = [({key: value.copy() for key, value in observations.items()}, np.zeros(3))]
+    actual = [({key: value.copy() for key, value in observations.items()}, np.zeros(3))]
     for action in actions(30)[:, None].repeat(3, axis=1):
         observations, rewards, *_ = envs.step(action)
-        found.append(({key: value.copy() for key, value in observations.items()}, rewards))
+        actual.append(({key: value.copy() for key, value in observations.items()}, rewards))
     envs.close()
     for number in range(3):
         alone = rollout(VehicleEnv(NAMES[name]), 30, seed=11 + number)
-        for (observations, rewards), (observation, reward, *_) in zip(found, alone, strict=True):
+        for (observations, rewards), (observation, reward, *_) in zip(actual, alone, strict=True):
             assert rewards[number] == reward
             for key, value in observation.items():
                 np.testing.assert_array_equal(observations[key][number], value)
@@ -181,14 +181,14 @@ def test_gymnasium_s_wrappers_do_what_they_do(name: str) -> None:
     env = wrappers.RescaleAction(env, np.float32(-1), np.float32(1))
     env = wrappers.RecordEpisodeStatistics(wrappers.FlattenObservation(env))
     steps = rollout(bare, 20, seed=5)
-    found = [env.reset(seed=5)[0]]
+    actual = [env.reset(seed=5)[0]]
     for action in actions(20):
         observation, _, terminated, truncated, info = env.step(2 * action - 1)
-        found.append(observation)
+        actual.append(observation)
     assert truncated and not terminated
     assert isinstance(env.observation_space, spaces.Box)
     assert env.observation_space.shape == (6 + 121 * len(bare.layout.channels),)
-    for flat, (observation, *_) in zip(found, steps, strict=True):
+    for flat, (observation, *_) in zip(actual, steps, strict=True):
         np.testing.assert_allclose(flat, spaces.flatten(bare.observation_space, observation), atol=1e-6)
     assert info["episode"]["l"] == 20
     assert info["episode"]["r"] == pytest.approx(sum(reward for _, reward, *_ in steps))

@@ -53,7 +53,7 @@ class Flights(NamedTuple):
 def flown(layouts: Sequence[Layout], number: int = FLIGHTS) -> Flights:
     """Flights with the actions of exploration, after some steps of it."""
     rng = np.random.default_rng(0)
-    found = []
+    actual = []
     for k in range(number):
         layout = layouts[k % len(layouts)]
         physics = Physics(layout, VEHICLE, free_position(layout, VEHICLE, rng))
@@ -65,8 +65,8 @@ def flown(layouts: Sequence[Layout], number: int = FLIGHTS) -> Flights:
         for action in actions[BEFORE:]:
             physics.step(action)
             steps.append((physics.position, physics.touching, physics.in_fog))
-        found.append((*start, *map(np.array, zip(*steps, strict=True))))
-    return Flights(*map(np.array, zip(*found, strict=True)))
+        actual.append((*start, *map(np.array, zip(*steps, strict=True))))
+    return Flights(*map(np.array, zip(*actual, strict=True)))
 
 
 FILES = ["original", "two_obstacles", "four_properties", "procedural_easy", "procedural_hard"]
@@ -96,8 +96,8 @@ def test_it_knows_the_same_fog(acts: Acts) -> None:
     some = [fogs, *(layout.model_copy(update={"acts": acts}) for layout in worlds("procedural_hard"))]
     flights, twin = flown(some, 60), Twin(some, VEHICLE)
     for step in range(HORIZON):
-        found = twin.in_fog(flights.world, flights.paths[:, step])
-        np.testing.assert_array_equal(found, flights.in_fog[:, step])
+        actual = twin.in_fog(flights.world, flights.paths[:, step])
+        np.testing.assert_array_equal(actual, flights.in_fog[:, step])
     assert 0.05 < flights.in_fog.mean() < 0.95
 
 

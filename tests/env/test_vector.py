@@ -20,7 +20,7 @@ def make(mode: str | None, name: str = "affmap/Vehicle-v0", **arguments: Any) ->
 
 
 def flight(envs: VectorEnv, num_steps: int, seed: Any, **options: Any) -> list[tuple[Any, ...]]:
-    """Everything that a reset and steps return, each environment with actions of its own."""
+    """All results of a reset and of steps, each environment with actions of its own."""
     rng = np.random.default_rng(0)
     steps: list[tuple[Any, ...]] = [envs.reset(seed=seed, options=options or None)]
     for action in actions(num_steps):
@@ -28,15 +28,15 @@ def flight(envs: VectorEnv, num_steps: int, seed: Any, **options: Any) -> list[t
     return steps
 
 
-def assert_equal(found: Any, expected: Any) -> None:
+def assert_equal(actual: Any, expected: Any) -> None:
     """Bit for bit, in the same types and shapes."""
     if isinstance(expected, dict):
-        assert found.keys() == expected.keys()
+        assert actual.keys() == expected.keys()
         for key in expected:
-            assert_equal(found[key], expected[key])
+            assert_equal(actual[key], expected[key])
     else:
-        assert type(found) is type(expected) and found.dtype == expected.dtype
-        np.testing.assert_array_equal(found, expected)
+        assert type(actual) is type(expected) and actual.dtype == expected.dtype
+        np.testing.assert_array_equal(actual, expected)
 
 
 @pytest.mark.parametrize(
@@ -69,11 +69,11 @@ def test_it_returns_all_that_gymnasium_s_own_vector_does(name: str, arguments: d
 def test_options_are_everybody_s() -> None:
     """Gymnasium's own."""
     options = {"position": [2.0, 1.0], "goal": [2.5, 1.0]}
-    found, expected = (flight(make(mode), 3, 0, **options) for mode in (None, "sync"))
-    for one, other in zip(found, expected, strict=True):
+    actual, expected = (flight(make(mode), 3, 0, **options) for mode in (None, "sync"))
+    for one, other in zip(actual, expected, strict=True):
         for mine, its in zip(one, other, strict=True):
             assert_equal(mine, its)
-    np.testing.assert_array_equal(found[0][1]["position"], [[2.0, 1.0]] * NUM_ENVS)
+    np.testing.assert_array_equal(actual[0][1]["position"], [[2.0, 1.0]] * NUM_ENVS)
 
 
 @pytest.mark.parametrize("limit", [None, -1])

@@ -33,7 +33,7 @@ def test_gymnasium_s_checker_has_no_complaint(render_mode: str | None) -> None:
 
 
 def test_without_views_all_else_is_the_same() -> None:
-    """The same flight with and without, and an observation that is in its space."""
+    """One flight with and without views, and an observation in its space."""
     seeing, blind = VehicleEnv(), VehicleEnv(views=False)
     steps = [(env.reset(seed=3), env.step(np.array([0.2, 0.9, 0.4, 0.1]))) for env in (seeing, blind)]
     for (seen, *rest), (felt, *others) in zip(*steps, strict=True):

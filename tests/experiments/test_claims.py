@@ -11,10 +11,10 @@ import pytest
 from affmap.experiments import claims_about, encoding
 from affmap.experiments.exp4 import claims as experiment4
 from affmap.experiments.exp5 import claims as experiment5
-from affmap.results import scores
+from affmap.results import claims, scores
 from affmap.results.claims import Score
 from affmap.results.files import Maps
-from affmap.results.setting import STAGES, ReportSettings, Setting
+from affmap.results.setting import STAGES, ReportSettings, Setting, make_factor
 from affmap.results.statistics import Verdict
 from affmap.results.tables import Results
 
@@ -488,3 +488,12 @@ def test_tables_name_what_is_wrong(stages: dict[str, Results], tmp_path: Path) -
                 ),
             )
         ).runs
+
+
+def test_a_trend_may_be_over_any_factor() -> None:
+    """By hand: each of six members scores 1, 2, 3 at beta 0, 1, 10."""
+    rows = [(member, beta, place) for member in range(6) for place, beta in enumerate((0.0, 1.0, 10.0), 1)]
+    runs = pd.DataFrame(rows, columns=["member", "control_beta", "mean_distance"])
+    criterion = claims.trend(runs, "mean_distance", "rises", "EB", factor=make_factor("control.beta"))
+    assert criterion.effect_of == "beta = 10 minus beta = 0"
+    assert (criterion.outcome.effect, criterion.outcome.verdict) == (2.0, "holds")

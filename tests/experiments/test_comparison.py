@@ -13,7 +13,7 @@ from affmap.experiments.comparison import figures as contrasts
 from affmap.experiments.comparison import report as comparison
 from affmap.experiments.comparison.report import ComparisonReport
 from affmap.report import build
-from affmap.report.experiment import ExperimentReport
+from affmap.report.experiment import ExperimentReport, Room
 from affmap.results import manifest
 from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
@@ -178,7 +178,7 @@ def test_any_key_of_the_configuration_can_be_compared(
         build.check(ComparisonReport(tmp_path / "out", jobs[1:], key, **TOLD, notice=None))
     plain = ReportSettings.load("report", "default")
     with pytest.raises(ConfigError, match="holds a comparison; say output="):  # a report would replace its tables
-        build.write(ExperimentReport(tmp_path / "out", Results(tuple(jobs)), plain, (), **TOLD, notice=None))
+        build.write(ExperimentReport(tmp_path / "out", Results(tuple(jobs)), plain, Room(), **TOLD, notice=None))
     assert {file.name for file in (tmp_path / "out" / "figures").iterdir()} == {f"{name}.png", f"{name}.pdf"}
     table = pd.read_csv(tmp_path / "out" / "tables" / f"{name}.csv")
     assert set(table["a"]) == {values[0]} and list(dict.fromkeys(table["b"])) == values[1:]

@@ -217,7 +217,7 @@ def test_group_choices(app: App, stored: Stored, tmp_path: Path) -> None:
         (["typo=interval(0,1)"], "Could not override 'typo'"),
     ],
 )
-def test_mistakes_are_told_before_any_job(app: App, arguments: list[str], problem: str) -> None:
+def test_mistakes_are_reported_before_any_job(app: App, arguments: list[str], problem: str) -> None:
     """Reference: written by hand; the last two are Hydra's own sentences."""
 
     def task(config: DictConfig) -> None:
@@ -246,7 +246,7 @@ def test_trials_of_another_search_are_kept(app: App, argument: str, problem: str
         app(quadratic, *arguments, argument)
     assert path.read_bytes() == content
     path.write_bytes(content[:-9])
-    with pytest.raises(SearchError, match=r"trials.jsonl is damaged"):
+    with pytest.raises(SearchError, match=r"trials.jsonl is corrupted"):
         app(quadratic, *arguments)
     assert path.read_bytes() == content[:-9]
 
@@ -291,9 +291,9 @@ def test_processes(tmp_path: Path, stored: Stored) -> None:
 
 def test_a_mistake_is_one_sentence_in_the_terminal(tmp_path: Path) -> None:
     """Reference: written by hand; Hydra adds its hint."""
-    found = command(tmp_path, "+y=interval(1,0)")
-    assert found.returncode == 1 and found.stdout == ""
-    assert found.stderr.splitlines() == [
+    actual = command(tmp_path, "+y=interval(1,0)")
+    assert actual.returncode == 1 and actual.stdout == ""
+    assert actual.stderr.splitlines() == [
         "+y=interval(1,0): the interval is empty, because 1.0 is not less than 0.0; exchange its ends, "
         "or give y a fixed value.",
         "",
@@ -309,6 +309,8 @@ def test_other_applications_do_not_wait_for_hyperopt() -> None:
         "print([each.__name__ for each in Plugins.instance().discover(Sweeper)], 'hyperopt' in sys.modules)"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    found = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-    assert "'HyperoptSweeper'" in found.stdout and found.stdout.endswith(" False\n")
-    assert found.stderr == ""
+    actual = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert "'HyperoptSweeper'" in actual.stdout and actual.stdout.endswith(" False\n")
+    assert actual.stderr == ""

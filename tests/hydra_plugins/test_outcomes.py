@@ -39,9 +39,9 @@ def test_what_is_no_result(value: Any, error: str) -> None:
 @pytest.mark.parametrize("value", [None, 1.0, [1.0, 2.0], torch.ones(2)])
 def test_a_stack_returns_as_many_results_as_trials(value: Any) -> None:
     """Reference: written by hand; none can be assigned, so all failed."""
-    found = outcomes([returned(value)], 3, stacked=True)
+    actual = outcomes([returned(value)], 3, stacked=True)
     error = f"returned {value!r}, which is not a list of results, one for each of 3 trials"
-    assert found == [Outcome(None, error)] * 3
+    assert actual == [Outcome(None, error)] * 3
 
 
 def test_arrays_are_lists_of_results() -> None:
@@ -54,6 +54,6 @@ def test_exceptions() -> None:
     """Reference: what was raised."""
     error = ValueError("too large")
     failed = JobReturn(status=JobStatus.FAILED, _return_value=error)
-    told = Outcome(None, "ValueError: too large", error)
-    assert outcomes([failed, returned(1)], 2, stacked=False) == [told, Outcome(1.0)]
-    assert outcomes([failed], 2, stacked=True) == [told, told]
+    outcome = Outcome(None, "ValueError: too large", error)
+    assert outcomes([failed, returned(1)], 2, stacked=False) == [outcome, Outcome(1.0)]
+    assert outcomes([failed], 2, stacked=True) == [outcome, outcome]

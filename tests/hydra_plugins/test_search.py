@@ -165,17 +165,17 @@ def draws(dimension: Interval | Options, num: int = 1500) -> list[Any]:
 )
 def test_frequencies(dimension: Interval | Options, probabilities: dict[Any, float]) -> None:
     """Reference: closed form; the ends are as frequent as the rest."""
-    found = draws(dimension)
-    assert set(found) == set(probabilities)
+    actual = draws(dimension)
+    assert set(actual) == set(probabilities)
     expected = [1500 * probability for probability in probabilities.values()]
-    assert stats.chisquare([found.count(key) for key in probabilities], expected).pvalue > 0.01
+    assert stats.chisquare([actual.count(key) for key in probabilities], expected).pvalue > 0.01
 
 
 def test_distributions() -> None:
     """Reference: closed form."""
     assert stats.kstest(draws(Interval(2.0, 5.0, log=False, integer=False)), "uniform", (2, 3)).pvalue > 0.01
-    found = np.log10(draws(Interval(1e-4, 1e-1, log=True, integer=False)))
-    assert stats.kstest(found, "uniform", (-4, 3)).pvalue > 0.01
+    actual = np.log10(draws(Interval(1e-4, 1e-1, log=True, integer=False)))
+    assert stats.kstest(actual, "uniform", (-4, 3)).pvalue > 0.01
 
 
 dimensions = st.one_of(

@@ -181,8 +181,8 @@ def test_what_lies_in_a_space(text: str, inside: list[Any], outside: list[Any]) 
     """Reference: written by hand; true is not 1, and 0.3 is 3 x 0.1."""
     space = space_of(f"key={text}")
     for value in inside:
-        found = space.values(space.point({"key": value}, "here"))["key"]
-        assert found == pytest.approx(value) if isinstance(value, float) else found == value
+        actual = space.values(space.point({"key": value}, "here"))["key"]
+        assert actual == pytest.approx(value) if isinstance(value, float) else actual == value
     for value in outside:
         with pytest.raises(SearchError, match=r"^hydra.sweeper.initial\[0\]: key = .* does not lie in"):
             space.point({"key": value}, "hydra.sweeper.initial[0]")
@@ -191,5 +191,5 @@ def test_what_lies_in_a_space(text: str, inside: list[Any], outside: list[Any]) 
 def test_a_point_names_each_key_and_no_other() -> None:
     """Reference: written by hand."""
     space = space_of("a=1,2", "b=3,4")
-    with pytest.raises(SearchError, match="here has values of a, c, but what is searched over is a, b; give a value"):
+    with pytest.raises(SearchError, match="here has values of a, c, but the searched keys are a, b; give a value"):
         space.point({"a": 1, "c": 3}, "here")

@@ -30,21 +30,21 @@ def test_trials_come_back_bit_equal(path: Path) -> None:
     assert load(path.with_name("none"), SEARCH) == []
 
 
-def test_a_file_cut_off_anywhere_is_damaged(path: Path) -> None:
+def test_a_file_cut_off_anywhere_is_corrupted(path: Path) -> None:
     """Reference: every length but the whole one, the ends of lines among them."""
     content = path.read_bytes()
     for length in range(len(content)):
         path.write_bytes(content[:length])
-        with pytest.raises(SearchError, match=f"^{path} is damaged: .* remove that file, or choose another folder"):
+        with pytest.raises(SearchError, match=f"^{path} is corrupted: .* remove that file, or choose another folder"):
             load(path, SEARCH)
 
 
-def test_an_edited_file_is_damaged(path: Path) -> None:
+def test_an_edited_file_is_corrupted(path: Path) -> None:
     """Reference: every byte changed in turn."""
     content = path.read_bytes()
     for i in range(len(content)):
         path.write_bytes(content[:i] + bytes([content[i] ^ 1]) + content[i + 1 :])
-        with pytest.raises(SearchError, match="is damaged"):
+        with pytest.raises(SearchError, match="is corrupted"):
             load(path, SEARCH)
 
 
@@ -56,7 +56,7 @@ def test_a_foreign_file_executes_nothing(path: Path) -> None:
             return os.mkdir, (str(path.with_name("executed")),)
 
     path.write_bytes(pickle.dumps(Foreign()))
-    with pytest.raises(SearchError, match="is damaged"):
+    with pytest.raises(SearchError, match="is corrupted"):
         load(path, SEARCH)
     assert not path.with_name("executed").exists()
     pickle.loads(path.read_bytes())

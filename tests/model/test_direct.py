@@ -10,17 +10,17 @@ from affmap import compiled
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import ExactLookup
 from affmap.model.stack import ModelSettings, Stack
-from affmap.view import Map, view
+from affmap.view import VisibleLayout, view
 
 pytest.importorskip("numba")
 SEEDS = (4, 5, 6)
 CIRCLES = ((1.0, 1.0, 0.4), (2.0, 0.5, 0.3), (1.6, 1.3, 0.2), (0.1, 1.9, 0.3))
 
 
-def world(num_channels: int = 1, shift: float = 0.0) -> Map:
+def world(num_channels: int = 1, shift: float = 0.0) -> VisibleLayout:
     """Four circles and the border, in all channels in turn."""
     circles = tuple((x + shift, y, radius, n % num_channels) for n, (x, y, radius) in enumerate(CIRCLES))
-    return Map((3.0, 2.0), num_channels, num_channels - 1, circles)
+    return VisibleLayout((3.0, 2.0), num_channels, num_channels - 1, circles)
 
 
 def stack(context_size: int = 8, num_channels: int = 1) -> Stack:

@@ -12,7 +12,7 @@ from affmap.env.layout import Layout
 from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup, LookupSettings, inside, lookup_error, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.windows import take_apart
-from affmap.view import Map, view
+from affmap.view import VisibleLayout, view
 
 WORLD = Layout.load("layout", "original").map
 EXACT = LookupSettings.load("lookup", "exact")
@@ -101,7 +101,7 @@ def test_between_nodes_it_is_grid_sample(margin: float) -> None:
 def test_between_two_nodes_it_is_their_weighted_mean() -> None:
     """Closed form, on one cell: rows are y, columns are x."""
     codes = torch.tensor([[[[0.0], [1.0]], [[10.0], [31.0]]]])
-    painted = AffordanceMap(codes, [Map((3.0, 2.0), 1, 0, ())])
+    painted = AffordanceMap(codes, [VisibleLayout((3.0, 2.0), 1, 0, ())])
     found = painted(
         torch.tensor([[[0.0, 0.0], [3.0, 0.0], [0.0, 2.0], [3.0, 2.0], [0.75, 0.0], [0.0, 0.5], [1.5, 1.0]]])
     )
@@ -208,7 +208,7 @@ def test_members_of_a_map_see_their_own_codes() -> None:
 @pytest.mark.parametrize("settings", [EXACT, COARSE])
 def test_problems_in_worlds_of_their_own_are_each_alone(settings: LookupSettings) -> None:
     """Three members with two problems each, five paths a problem: against one member's look-up in one world."""
-    worlds = [Map((3.0, 2.0), 1, 0, ((0.4 + 0.4 * number, 1.0, 0.3, 0),)) for number in range(6)]
+    worlds = [VisibleLayout((3.0, 2.0), 1, 0, ((0.4 + 0.4 * number, 1.0, 0.3, 0),)) for number in range(6)]
     positions = places(3, 10, margin=0.2)  # [M, problems * paths, 2], problem-major
     codes = make_lookup(settings, stack(*SEEDS), worlds)(positions)
     assert codes.shape == (3, 10, 3)

@@ -12,7 +12,7 @@ from affmap.gaussian import Gaussian
 from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.transition import Carry, TransitionModel
+from affmap.model.transition import MLP, Carry
 
 WORLD = Layout.load("layout", "original").map
 SEEDS, AGENTS, N, H = (4, 5), 3, 2, 4
@@ -98,7 +98,7 @@ def test_problems_together_are_each_alone() -> None:
 def test_the_carry_goes_from_step_to_step() -> None:
     """A model that adds up its throttles and moves by the sum, with a start of its own for each problem; by hand."""
 
-    class Adding(TransitionModel):
+    class Adding(MLP):
         def step(self) -> Any:
             def step(carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
                 total = carry[0] + action[..., :2]

@@ -6,14 +6,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 
 CONTEXT_SIZES = [0, 1, 3, 5, 8, 16, 32]
 
 
-def transition(context_size: int, scale: float = 4.0, members: int = 3) -> TransitionModel:
+def transition(context_size: int, scale: float = 4.0, members: int = 3) -> MLP:
     generators = [torch.Generator().manual_seed(seed) for seed in range(members)]
-    return TransitionModel(generators, context_size, 32, scale)
+    return MLP(generators, context_size, 32, scale)
 
 
 def inputs(context_size: int, *shape: int) -> tuple[Tensor, Tensor, Tensor]:

@@ -26,7 +26,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def lines(caplog: pytest.LogCaptureFixture, clock: Clock, updates: list[tuple[float, int]], total: int) -> list[str]:
-    """What is told when `updates` (time, finished) happen."""
+    """Lines that are logged when `updates` (time, finished) happen."""
     with caplog.at_level("INFO", logger="affmap"), track("flying", total, "steps") as update:
         for now, finished in updates:
             clock.now = now
@@ -52,7 +52,7 @@ def test_a_resumed_task_is_judged_by_its_own_speed(caplog: pytest.LogCaptureFixt
     ]
 
 
-def test_short_and_finished_tasks_are_told_once(caplog: pytest.LogCaptureFixture, clock: Clock) -> None:
+def test_short_and_finished_tasks_are_reported_once(caplog: pytest.LogCaptureFixture, clock: Clock) -> None:
     """Nothing within 15 s, nothing at the end."""
     assert lines(caplog, clock, [(101, 1), (114, 2), (200, 3)], 3) == ["flying: 3 steps"]
 
@@ -70,7 +70,7 @@ class Terminal(io.StringIO):
 
 
 def test_a_bar_in_a_terminal(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    """What is drawn ends with the count; no lines are logged."""
+    """The drawing ends with the count; no lines are logged."""
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdout", terminal)
     with caplog.at_level("INFO", logger="affmap"), track("flying", 7, "steps") as update:

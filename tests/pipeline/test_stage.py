@@ -39,7 +39,7 @@ class Later(Config):
 
 @pytest.fixture(scope="module")
 def values() -> dict[str, Any]:
-    """Those of Experiment I's first job, with layouts written out."""
+    """The values of Experiment I's first job, with layouts written out."""
     composed = compose.values(compose.compose(["experiment=exp1", "model.context_size=8"]))
     layout = read("layout", "original")
     return composed | {"training_layouts": [layout], "map_layout": layout, "control_layout": layout}
@@ -55,8 +55,8 @@ def test_a_new_key_at_its_neutral_value_renames_no_stage(values: dict[str, Any])
     del before["predict"], before["map"], before["control"]  # they depend on `models`, which is no new key in truth
     written = values | {"model": values["model"] | {"kind": "mlp"}}
     for later in (values, written):
-        found = names(Later.checked(later, "here"))
-        assert {name: found[name] for name in before} == before
+        actual = names(Later.checked(later, "here"))
+        assert {name: actual[name] for name in before} == before
 
 
 def test_a_new_key_at_another_value_renames_what_depends_on_it(values: dict[str, Any]) -> None:

@@ -164,17 +164,17 @@ def test_truncated_normal_is_drawing_again(mean: float, std: float) -> None:
     again = random.normal(mean, std, 400_000)
     again = again[(again >= 0) & (again <= 1)][:20_000]
     uniform = torch.rand(20_000, generator=torch.Generator().manual_seed(0))
-    found = truncated_normal(torch.tensor(mean), torch.tensor(std), uniform)
-    assert len(again) == 20_000 and stats.ks_2samp(again, found.numpy()).pvalue > 0.01
-    assert len(found.unique()) > 19_900  # nothing piles up at the bounds
+    actual = truncated_normal(torch.tensor(mean), torch.tensor(std), uniform)
+    assert len(again) == 20_000 and stats.ks_2samp(again, actual.numpy()).pvalue > 0.01
+    assert len(actual.unique()) > 19_900  # nothing piles up at the bounds
 
 
 def test_rounding_leaves_no_truncated_normal_outside() -> None:
     """[0, 1], at the smallest and the largest number that `torch.rand` returns, for ten thousand distributions."""
     generator = torch.Generator().manual_seed(0)
     mean, width = torch.rand(10_000, 1, generator=generator), torch.rand(10_000, 1, generator=generator)
-    found = truncated_normal(mean, 10 ** (4 * width - 3), torch.tensor([0.0, 2.0**-24, 1 - 2.0**-24]))
-    assert ((found >= 0) & (found <= 1)).all()
+    actual = truncated_normal(mean, 10 ** (4 * width - 3), torch.tensor([0.0, 2.0**-24, 1 - 2.0**-24]))
+    assert ((actual >= 0) & (actual <= 1)).all()
 
 
 @pytest.mark.parametrize("mean", [0.0, 0.3, 0.5, 1.0])
@@ -182,8 +182,8 @@ def test_rounding_leaves_no_truncated_normal_outside() -> None:
 def test_a_narrow_truncated_normal_is_its_mean(mean: float, std: float) -> None:
     """Also for the smallest and the largest number that `torch.rand` returns: nothing is ever ten deviations away."""
     uniform = torch.tensor([0.0, 2.0**-24, 0.5, 1 - 2.0**-24])
-    found = truncated_normal(torch.tensor(mean), torch.tensor(std), uniform)
-    np.testing.assert_allclose(found, mean, atol=10 * std + 1e-15)
+    actual = truncated_normal(torch.tensor(mean), torch.tensor(std), uniform)
+    np.testing.assert_allclose(actual, mean, atol=10 * std + 1e-15)
 
 
 # --- what it finds ---------------------------------------------------------------------------------------------------
@@ -411,9 +411,9 @@ def test_an_objective_of_another_shape_is_refused() -> None:
 
 def test_the_configured_numbers_are_the_paper_s() -> None:
     """Appendix B; the horizon is Section 4.2's, the iterations are ours."""
-    found = CEMPlanner.load("planner", "cem")
-    assert (found.num_candidates, found.num_elites, found.num_kept) == (50, 5, 2)
-    assert (found.initial_variance, found.momentum, found.horizon) == (0.5, 0.1, 20)
+    actual = CEMPlanner.load("planner", "cem")
+    assert (actual.num_candidates, actual.num_elites, actual.num_kept) == (50, 5, 2)
+    assert (actual.initial_variance, actual.momentum, actual.horizon) == (0.5, 0.1, 20)
 
 
 @pytest.mark.parametrize(

@@ -228,7 +228,7 @@ def test_what_is_not_a_number_does_not_reach_actions_or_neighbours(kind: str) ->
 
 
 def test_gradients_are_taken_whatever_the_surroundings_and_leave_none_behind() -> None:
-    """The same under `no_grad`; parameters of the model get no gradients."""
+    """Equal plans under `no_grad`; parameters of the model get no gradients."""
     targets, weights = quadratics(0)
     parameter = torch.ones((), requires_grad=True)
     method = planner()
@@ -243,8 +243,8 @@ def test_gradients_are_taken_whatever_the_surroundings_and_leave_none_behind() -
 
 def test_the_configured_numbers_are_the_paper_s() -> None:
     """Appendix B; Section 4.2 for the horizon."""
-    found = GradientPlanner.load("planner", "gradient")
-    assert (found.horizon, found.num_iterations, found.learning_rate, found.decay) == (20, 50, 0.005, 0.9)
+    actual = GradientPlanner.load("planner", "gradient")
+    assert (actual.horizon, actual.num_iterations, actual.learning_rate, actual.decay) == (20, 50, 0.005, 0.9)
 
 
 @pytest.mark.parametrize(

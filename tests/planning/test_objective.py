@@ -33,7 +33,7 @@ def problem(seed: int) -> tuple[Gaussian, Tensor, Tensor]:
 def test_it_is_that_of_torch_distributions_step_by_step(seed: int, beta: float) -> None:
     """Equations 5 and 6: the mean over the horizon of divergence and beta times entropy."""
     prediction, goal, std = problem(seed)
-    found = expected_free_energy(prediction, goal, std, beta)
+    actual = expected_free_energy(prediction, goal, std, beta)
     divergences, entropies = [], []
     for step in range(H):
         there = Normal(prediction.mean[..., step, :], prediction.log_std[..., step, :].exp())
@@ -41,17 +41,17 @@ def test_it_is_that_of_torch_distributions_step_by_step(seed: int, beta: float) 
         divergences.append(kl_divergence(there, desired).sum(-1))
         entropies.append(there.entropy().sum(-1))
     divergence, uncertainty = sum(divergences) / H, sum(entropies) / H
-    torch.testing.assert_close(found.divergence, divergence)
-    torch.testing.assert_close(found.uncertainty, uncertainty)
-    torch.testing.assert_close(found.total, divergence + beta * uncertainty)
+    torch.testing.assert_close(actual.divergence, divergence)
+    torch.testing.assert_close(actual.uncertainty, uncertainty)
+    torch.testing.assert_close(actual.total, divergence + beta * uncertainty)
 
 
 def test_it_is_that_of_a_plain_loop() -> None:
     """Appendix E's formulas, number by number."""
     beta = 1.7
     prediction, goal, std = problem(0)
-    found = expected_free_energy(prediction, goal, std, beta).total
-    assert found.shape == (B, N)
+    actual = expected_free_energy(prediction, goal, std, beta).total
+    assert actual.shape == (B, N)
     for b in range(B):
         for n in range(N):
             total = 0.0
@@ -61,16 +61,16 @@ def test_it_is_that_of_a_plain_loop() -> None:
                     variance, wanted = math.exp(2 * prediction.log_std[b, n, step, axis].item()), std[b, 0].item() ** 2
                     total += 0.5 * (variance / wanted + (target - mean) ** 2 / wanted - 1 - math.log(variance / wanted))
                     total += beta * 0.5 * math.log(2 * math.pi * math.e * variance)
-            assert found[b, n].item() == pytest.approx(total / H)
+            assert actual[b, n].item() == pytest.approx(total / H)
 
 
 def test_at_the_goal_with_the_desired_deviation_only_uncertainty_remains() -> None:
     """Closed form: no divergence, and the entropy log(2 pi e std^2) of two equal coordinates."""
     prediction = Gaussian(torch.ones(H, 2), torch.full((H, 2), math.log(0.1)))
-    found = expected_free_energy(prediction, torch.ones(2), torch.tensor(0.1), beta=3.0)
-    assert found.divergence.item() == pytest.approx(0, abs=1e-5)
-    assert found.uncertainty.item() == pytest.approx(math.log(2 * math.pi * math.e * 0.01), rel=1e-5)
-    assert found.total.item() == pytest.approx(3 * found.uncertainty.item(), rel=1e-5)
+    actual = expected_free_energy(prediction, torch.ones(2), torch.tensor(0.1), beta=3.0)
+    assert actual.divergence.item() == pytest.approx(0, abs=1e-5)
+    assert actual.uncertainty.item() == pytest.approx(math.log(2 * math.pi * math.e * 0.01), rel=1e-5)
+    assert actual.total.item() == pytest.approx(3 * actual.uncertainty.item(), rel=1e-5)
 
 
 @quick
@@ -140,5 +140,5 @@ def test_the_goal_s_deviation_shrinks_below_half_a_unit_and_not_at_it(corner: tu
         [[0.5, 0], [0.5 - tiny, 0], [0, -0.5], [0, tiny - 0.5], [-0.5, tiny], [0.25, 0.25], [0.375, 0.375], [0, 0]]
     )
     position = torch.tensor(corner).expand(8, 2)
-    found = goal_std(position, position + offsets, control.goal_std_far, control.goal_std_near, control.near_distance)
-    assert torch.equal(found, torch.tensor([0.1, 0.01, 0.1, 0.01, 0.1, 0.01, 0.1, 0.01]))
+    actual = goal_std(position, position + offsets, control.goal_std_far, control.goal_std_near, control.near_distance)
+    assert torch.equal(actual, torch.tensor([0.1, 0.01, 0.1, 0.01, 0.1, 0.01, 0.1, 0.01]))

@@ -1,4 +1,4 @@
-"""What all planners share: costs checked, actions shifted."""
+"""Common functions of planners: costs are checked, actions shifted."""
 
 import numpy as np
 import pytest

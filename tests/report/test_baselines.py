@@ -10,12 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from contents import content_of, table_of
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from affmap.experiments import claims_about
-from affmap.report import build, content
+from affmap.experiments import open_room
+from affmap.report import build
 from affmap.report.drawing import numbers
 from affmap.report.drawing.colors import Groups
 from affmap.report.experiment import ExperimentReport
@@ -186,16 +187,11 @@ def test_the_figures_have_a_line_for_each_agent_and_layout(results: dict[str, Re
         assert labels == ["agents without a learned model:", *AGENTS] and not plain.legends
 
 
-def rows_of(blocks: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    (found,) = [block for block in blocks if block["kind"] == "table"]
-    return found["header"], found["rows"]
-
-
 @pytest.mark.parametrize("name", ["exp1", "exp5"])
 def test_the_report_has_a_row_for_each_agent_and_layout(results: dict[str, Results], name: str) -> None:
     """Medians and means of the stored tables as text; the outcome of Experiment V is success, beside the reached."""
     chosen = settings(name)
-    _, rows = rows_of(content.baselines(results[name], chosen))
+    _, rows = table_of(content_of(results[name], chosen).baselines())
     metrics = ["prediction_error", *(["mean_distance"] if name == "exp1" else ["success"]), "reached", "steps_touching"]
     expected = []
     for (agent, layout), runs in raw(results[name]).items():
@@ -206,14 +202,16 @@ def test_the_report_has_a_row_for_each_agent_and_layout(results: dict[str, Resul
         shown = {"original": "original", "procedural_easy": "easy", "procedural_hard": "hard"}[layout]
         expected.append([agent, shown, "8", *map(number, centers)])
     assert rows == expected
-    assert content.baselines(replace(results[name], baselines=()), chosen) == []
+    assert content_of(replace(results[name], baselines=()), chosen).baselines() == ""
 
 
 def test_the_report_writes_their_runs(results: dict[str, Results], tmp_path: Path) -> None:
     """Into a table of their own, row by row as in memory; without baselines there is no such file."""
     told = {"name": "exp1", "title": "One", "command": "affmap"}
     for output, found in (("with", results["exp1"]), ("without", replace(results["exp1"], baselines=()))):
-        report = ExperimentReport(tmp_path / output, found, settings("exp1"), claims_about("exp1"), **told, notice=None)
+        report = ExperimentReport(
+            tmp_path / output, found, settings("exp1"), open_room("exp1", "exp1"), **told, notice=None
+        )
         build.write(report)
     written = pd.read_csv(tmp_path / "with/tables/baselines.csv")
     assert list(written.columns) == list(results["exp1"].baseline_runs.columns)

@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import in_process, jobs, line
+from contents import content_of, table_of
 from stage_files import write_stages
 
 from affmap import pipeline
 from affmap.cli.app import read_sweep
 from affmap.pipeline.completed import completed
-from affmap.report import build, content
-from affmap.report.experiment import ExperimentReport
+from affmap.report import build
+from affmap.report.experiment import ExperimentReport, Room
 from affmap.results.files import Trajectories, read_trajectories
 from affmap.results.metrics import METRICS, Metric
 from affmap.results.numbers import NOTHING
@@ -124,9 +125,9 @@ def test_every_choice_of_factors_is_drawn(
     written = write_stages(tmp_path, sizes, planners=planners, members=2, epochs=2, experiment=experiment)
     results = Results(tuple(written), None, *chosen)
     told = {"name": "mine", "title": "Mine", "command": "affmap"}
-    report = ExperimentReport(tmp_path / "out", results, settings, (), **told, notice=None)
+    report = ExperimentReport(tmp_path / "out", results, settings, Room(), **told, notice=None)
     build.write(report)
-    (rows,) = [block["rows"] for block in content.medians(results, settings) if block["kind"] == "table"]
+    _, rows = table_of(content_of(results, settings).medians())
     shown = len({factor.column for factor in (results.color, PLANNER, LAYOUT)} - {results.x.column})
     assert all(len(row) == 1 + shown + 1 + len(results.x_values) for row in rows)
     assert all(value != NOTHING for row in rows for value in row[-len(results.x_values) :])

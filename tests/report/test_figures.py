@@ -155,7 +155,7 @@ def test_errors_of_steps_by_hand(results: dict[str, Results]) -> None:
     """Against a loop over the steps of a run."""
     found = Results(tuple(job for job in results["exp5"].settings if job.layout == "procedural_hard")[:1])
     job = found.settings[0]
-    paths, worlds = found.trajectories(job), found.worlds(job)
+    paths, worlds = found.trajectories(job), found.run_layouts(job)
     steps = failures.step_errors(found, found.where(HARD))
     expected = []
     for run, world in enumerate(worlds):
@@ -198,7 +198,7 @@ def test_cells_of_a_heat_map_count_positions(world: Layout) -> None:
 
 def test_maps_of_the_same_models_share_a_basis(results: dict[str, Results]) -> None:
     """One map alone has the palette of its reachable nodes; in two worlds equal codes have equal colours."""
-    parts = painted.painted(results["exp2"], 8)
+    parts = painted.maps_of_size(results["exp2"], 8)
     alone = arena.paint([(parts[0].maps, parts[0].world)], RADIUS, 1)[0]
     codes, fit = parts[0].maps.codes[1], reachable(parts[0].maps.nodes, parts[0].world, RADIUS)
     np.testing.assert_array_equal(alone, Palette.fit(codes[fit])(codes))
@@ -281,7 +281,7 @@ def test_the_example_is_the_lower_median_run_of_the_first_member(results: dict[s
 
 def test_examples_are_from_the_richest_worlds(results: dict[str, Results], monkeypatch: pytest.MonkeyPatch) -> None:
     """By hand: only worlds of runs 1 and 3 keep all their circles; these come first, the lower median ahead."""
-    found, worlds, layout = results["exp5"], Results.worlds, "procedural_easy"
+    found, worlds, layout = results["exp5"], Results.run_layouts, "procedural_easy"
 
     def poorer(self: Results, setting: Setting) -> list[Layout]:
         whole, runs = worlds(self, setting), self.trajectories(setting).run
@@ -291,7 +291,7 @@ def test_examples_are_from_the_richest_worlds(results: dict[str, Results], monke
         ]
 
     assert "different things" not in examples.example_rule(results["exp4"])
-    monkeypatch.setattr(Results, "worlds", poorer)
+    monkeypatch.setattr(Results, "run_layouts", poorer)
     runs = found.runs.query("layout == @layout and member == 0 and context_size != 8")
     order = [int(run) for run in runs.groupby("run")["mean_distance"].mean().sort_values().index]
     rich, rest = [run for run in order if run in (1, 3)], [run for run in order if run in (0, 2)]
@@ -300,7 +300,7 @@ def test_examples_are_from_the_richest_worlds(results: dict[str, Results], monke
 
 
 def test_legends_name_the_effects_that_are_there(results: dict[str, Results]) -> None:
-    worlds = {name: found.worlds(found.settings[-1]) for name, found in results.items()}
+    worlds = {name: found.run_layouts(found.settings[-1]) for name, found in results.items()}
     named = {name: [handle.get_label() for handle in arena.effect_handles(w)] for name, w in worlds.items()}
     assert named["exp1"] == [], "obstacles only: a caption is enough"
     assert named["exp3"] == ["no effect", "obstacle"] and named["exp4"] == ["fog"]
@@ -311,6 +311,7 @@ def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     """One layout has all context sizes, the other only the smallest."""
     jobs = [job for job in results["exp5"].settings if job.layout == "procedural_easy" or job.context_size == 0]
     part = Results(tuple(jobs))
-    drawn = {name: figures.draw(name, part, SETTINGS) for name in figures.NAMES}
-    assert {name for name, each in drawn.items() if each} == set(figures.NAMES) - {"growth"}
+    draws = figures.figures_of(figures.__name__)
+    drawn = {name: draw(part, SETTINGS) for name, draw in draws.items()}
+    assert {name for name, each in drawn.items() if each} == draws.keys() - {"growth"}
     assert "(C) Prediction error in control, 8 runs a box" in drawn["results"].caption

@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 from affmap.env.layout import Layout
-from affmap.experiments import claims_about
+from affmap.env.scene import LAYERS
+from affmap.experiments import open_room
 from affmap.model.lookup import AffordanceMap
 from affmap.report import build
-from affmap.report.drawing.arena import VEHICLE_COLOR
 from affmap.report.experiment import ExperimentReport
 from affmap.report.explorer import maps as explorers
 from affmap.report.packing import LARGEST, MISSING, Packed, pack, pack_bits
@@ -78,7 +78,7 @@ def test_codes_along_a_run_are_those_that_the_look_up_gives(results: dict[str, R
     """The agent's own bilinear look-up in the same map."""
     found = results["exp1"]
     job = next(job for job in found.settings if job.context_size == 8)
-    world = found.worlds(job)[0]
+    world = found.run_layouts(job)[0]
     maps = found.maps()[8]
     lookup = AffordanceMap(torch.from_numpy(maps.codes), [world.map])
     places = np.random.default_rng(0).uniform(0, world.size, (2, 50, 2)).astype(np.float32)
@@ -138,7 +138,7 @@ def test_without_codes_there_is_nothing_to_explore(results: dict[str, Results]) 
 def report(results: dict[str, Results], tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("report")
     told = {"name": "exp1", "title": "exp1", "command": "make exp1"}
-    build.write(ExperimentReport(output, results["exp1"], SETTINGS, claims_about("exp1"), **told, notice=None))
+    build.write(ExperimentReport(output, results["exp1"], SETTINGS, open_room("exp1", "exp1"), **told, notice=None))
     return output / "report.html"
 
 
@@ -208,14 +208,35 @@ def test_the_slider_moves_the_vehicle(page: Page, results: dict[str, Results]) -
             assert player.locator(".error").text_content() == error
             other = path[30 if step < 30 else 0]
             here, there = colors(player.locator(".arena"), [tuple(path[step].tolist()), tuple(other.tolist())])
-            assert here == VEHICLE_COLOR != there
-            _assert_view(player, found.worlds(job)[0], path[step])
-            codes = players.codes_along(found, job, 0, path, found.worlds(job)[0])
+            assert here == LAYERS["vehicle"].color != there
+            _assert_view(player, found.run_layouts(job)[0], path[step])
+            codes = players.codes_along(found, job, 0, path, found.run_layouts(job)[0])
             told = player.locator(".bars output").all_text_contents()
             assert [float(code.replace("−", "-")) for code in told] == (
                 [] if codes is None else pytest.approx(codes[step], abs=0.0052)
             )
     assert player.locator(".without").text_content() == "None: this model has none."
+
+
+def test_a_moment_has_the_marks_of_its_scene(page: Page, results: dict[str, Results]) -> None:
+    """Shapes, colours and order against `Trajectories.scene`, to the digits that are packed; last in fog."""
+    found = results["exp1"]
+    job = found.settings[0]
+    paths = found.trajectories(job)
+    data = players.player(found, SETTINGS)["data"]
+    number = next(place for place, run in enumerate(data["runs"]) if run["choice"][-1] == "run 2 of member 0")
+    paths.in_fog[2, :] = np.arange(paths.in_fog.shape[1]) == 16
+    for step in (0, 9, 17):
+        data["runs"][number]["in_fog"] = pack_bits(paths.in_fog[2])
+        shown = page.evaluate(
+            "([data, run, step]) => moment(data, open(data.runs[run], data), step)", [data, number, step]
+        )
+        scene = paths.scene(2, step, found.run_layouts(job)[2], found.vehicle_radius(job))._replace(view=True)
+        marks = scene.marks()
+        assert [mark["layer"] for mark in shown] == [mark.layer._asdict() for mark in marks]
+        for one, mark in zip(shown, marks, strict=True):
+            assert np.array(one["points"]) == pytest.approx(mark.points, abs=1e-3)
+            assert one.get("radii") == (None if mark.radii is None else pytest.approx(mark.radii, abs=1e-3))
 
 
 def _assert_view(player: Locator, world: Layout, position: np.ndarray) -> None:

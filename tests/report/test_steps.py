@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from contents import content_of, table_of
 from matplotlib.figure import Figure
 from stage_files import WriteStages
 
-from affmap.report import content
 from affmap.report.drawing import failures, losses
 from affmap.results.files import EVERYWHERE
 from affmap.results.setting import ReportSettings
@@ -51,19 +51,20 @@ def test_distances_to_fog_are_a_point_for_each_run_at_its_place_on_the_axis() ->
 
 def test_the_table_has_the_medians_of_all_members(results: Results) -> None:
     """Against the rows of the stage's own file, read here; a single world is not told twice."""
-    _, _, table, _, halo = content.predictions(results, ReportSettings.load("report", "default"))
-    assert table["header"] == ["Kind", "Steps", "C = 0", "C = 8"]
+    content = content_of(results, ReportSettings.load("report", "default"))
+    heads, rows = table_of(content.steps())
+    assert heads == ["Kind", "Steps", "C = 0", "C = 8"]
     last = results.steps[(results.steps["epoch"] == 4) & (results.steps["world"] == EVERYWHERE)]
-    for row in table["rows"]:
+    for row in rows:
         for size, cell in zip((0, 8), row[2:], strict=True):
             own = last[(last["kind"] == row[0]) & (last["context_size"] == size)]
             expected = [f"{own[column].median():.2f}".replace("-", "\N{MINUS SIGN}") for column in ("median", "mean")]
             assert cell == ", ".join(expected)
-    assert [row[0] for row in table["rows"]] == ["free", "touching", "entering", "inside", "leaving"]
-    assert halo["rows"] == [["up to 0.05 u outside fog", "100%", "100%"], ["farther away", "0%", "0%"]]
+    assert [row[0] for row in rows] == ["free", "touching", "entering", "inside", "leaving"]
+    assert table_of(content.halo())[1] == [["up to 0.05 u outside fog", "100%", "100%"], ["farther away", "0%", "0%"]]
 
 
 def test_without_fog_there_is_no_halo(write_stages: WriteStages, tmp_path: Path) -> None:
     clear = Results(tuple(write_stages(tmp_path, (0, 8), ("cem",), members=2, epochs=2)))
-    blocks = content.predictions(clear, ReportSettings.load("report", "default"))
-    assert [row[0] for row in blocks[2]["rows"]] == ["free", "touching"] and len(blocks) == 3
+    content = content_of(clear, ReportSettings.load("report", "default"))
+    assert [row[0] for row in table_of(content.steps())[1]] == ["free", "touching"] and content.halo() == ""

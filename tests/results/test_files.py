@@ -39,8 +39,8 @@ def test_exploration_comes_back(tmp_path: Path, rng: np.random.Generator) -> Non
     """Two layouts, stacked."""
     parts = [{"counts": rng.integers(0, 9, (2, 3)), "free": rng.random((2, 3)) < 0.5, "coverage": np.array(0.5)}] * 2
     written = files.write_coverage(tmp_path, parts)
-    for found, expected in zip(files.read_coverage(tmp_path), written, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(files.read_coverage(tmp_path), written, strict=True):
+        np.testing.assert_array_equal(actual, expected)
     assert written.counts.shape == (2, 2, 3) and written.coverage.tolist() == [0.5, 0.5]
 
 
@@ -66,15 +66,15 @@ def test_maps_of_several_stages_come_back_as_one(tmp_path: Path, rng: np.random.
             member=whole.member[part],
         )
         files.write_maps(tmp_path / name, parts)
-    for found, expected in zip(files.read_maps([tmp_path / "a", tmp_path / "b"]), whole, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(files.read_maps([tmp_path / "a", tmp_path / "b"]), whole, strict=True):
+        np.testing.assert_array_equal(actual, expected)
 
 
 def test_trajectories_come_back(tmp_path: Path, rng: np.random.Generator) -> None:
     written = paths(rng)
     files.write_trajectories(tmp_path, written._asdict())
-    for found, expected in zip(files.read_trajectories([tmp_path]), written, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(files.read_trajectories([tmp_path]), written, strict=True):
+        np.testing.assert_array_equal(actual, expected)
 
 
 def test_runs_come_back_with_the_columns_in_their_order(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -82,9 +82,9 @@ def test_runs_come_back_with_the_columns_in_their_order(tmp_path: Path, rng: np.
     table = summarise(paths(rng)._asdict())
     setting = {"layout": "original", "planner": "cem", "lookup_spacing": 0.02, "context_size": 8}
     files.write_runs(tmp_path, setting, table, [[True, False, True], np.zeros(3)])
-    found = files.read_runs(tmp_path, ["member"])
-    assert list(found) == [*setting, *PLACES, *stored_metrics(), *files.WORLD_COLUMNS]
-    assert found["mean_distance"].to_numpy() == pytest.approx(table["mean_distance"].to_numpy(), abs=1e-6)
+    actual = files.read_runs(tmp_path, ["member"])
+    assert list(actual) == [*setting, *PLACES, *stored_metrics(), *files.LAYOUT_COLUMNS]
+    assert actual["mean_distance"].to_numpy() == pytest.approx(table["mean_distance"].to_numpy(), abs=1e-6)
     assert run_metrics()[: len(stored_metrics())] == stored_metrics() and set(run_metrics()) < set(METRICS)
 
 
@@ -92,5 +92,5 @@ def test_layouts_come_back(tmp_path: Path) -> None:
     """Equal ones are one object: a hundred runs share theirs."""
     written = [load_world("fog"), make_world((1.0, 1.0, 0.2, "none")), load_world("fog")]
     files.write_layouts(tmp_path, written)
-    found = files.read_layouts(tmp_path)
-    assert found == written and found[0] is found[2]
+    actual = files.read_layouts(tmp_path)
+    assert actual == written and actual[0] is actual[2]

@@ -209,7 +209,7 @@ def test_interval_is_near_the_closed_form_and_repeats() -> None:
 
 
 def test_the_interval_of_a_median_is_that_of_the_binomial_distribution() -> None:
-    """Of 25 members the 8th and the 18th (P(fewer than 8 of 25 below the median) = 0.0216), however far the last is."""
+    """The 8th and the 18th of 25 members (P(fewer than 8 of 25 below the median) = 0.0216), however far the last is."""
     difference = np.arange(1.0, 26.0)
     difference[-1] = 1e9
     outcome = statistics.paired(difference, np.zeros(25), "higher", "median")

@@ -53,7 +53,7 @@ def test_a_class_that_is_defined_anew_takes_the_place_of_the_old_one() -> None:
         assert registry.choose({"kind": "animal"}).legs == legs
 
 
-def test_kinds_are_told_apart() -> None:
+def test_kinds_are_reported_apart() -> None:
     """Golden parts of the messages."""
 
     class Other(Settings):

@@ -5,25 +5,25 @@ from pathlib import Path
 
 import pytest
 
-from affmap.store.files import digests, sha256, to_disk, write_json, written
+from affmap.store.files import atomic_write, digests, sha256, sync, write_json
 
 
 def test_a_file_is_the_old_one_until_it_is_the_new_one(tmp_path: Path) -> None:
     """Written twice, the second time interrupted: the first content stands, and the third attempt replaces it."""
     path = tmp_path / "file.txt"
-    with written(path) as place:
+    with atomic_write(path) as place:
         place.write_text("first")
         assert not path.exists()
 
     def interrupted() -> None:
-        with written(path) as place:
+        with atomic_write(path) as place:
             place.write_text("half of the sec")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert path.read_text() == "first" and [each.name for each in tmp_path.iterdir()] == ["file.txt"]
-    with written(path) as place:
+    with atomic_write(path) as place:
         place.write_text("third")
     assert path.read_text() == "third" and [each.name for each in tmp_path.iterdir()] == ["file.txt"]
 
@@ -43,4 +43,4 @@ def test_digests_are_those_of_the_standard(tmp_path: Path) -> None:
     abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     assert list(digests(tmp_path).items()) == [("sub/a", abc), ("z", empty)]
     assert sha256(tmp_path / "z") == empty
-    to_disk(tmp_path)
+    sync(tmp_path)

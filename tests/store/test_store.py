@@ -45,7 +45,7 @@ def build(work: Attempt) -> None:
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.dictionaries(st.text(), values))
 def test_the_order_of_keys_does_not_matter(config: dict[str, Any]) -> None:
-    """The same configuration, written in the reverse order at every level; and read back from JSON."""
+    """One configuration, written in the reverse order at every level, and read back from JSON."""
     digest = Stage("data", config).digest
     assert Stage("data", reordered(config)).digest == digest
     assert Stage("data", json.loads(json.dumps(config))).digest == digest
@@ -177,7 +177,7 @@ def test_processes_that_need_the_same_stage_build_it_once(tmp_path: Path) -> Non
 
 
 def test_threads_that_need_the_same_stage_build_it_once(tmp_path: Path) -> None:
-    """The same in one process."""
+    """As for processes, in one process."""
     threads = [threading.Thread(target=slow, args=(tmp_path / "store", 0.3, tmp_path / "log")) for _ in range(3)]
     for thread in threads:
         thread.start()
@@ -187,7 +187,7 @@ def test_threads_that_need_the_same_stage_build_it_once(tmp_path: Path) -> None:
     assert (Store(tmp_path / "store").find(STAGE) or tmp_path).name == STAGE.digest
 
 
-def test_waiting_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_waiting_is_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """While another job has the lock; the stage is built after it gave it back without building."""
     (tmp_path / "train").mkdir()
     held = threading.Event()
@@ -207,7 +207,7 @@ def test_waiting_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> No
 
 
 def test_a_read_only_place_comes_first_and_is_never_written(tmp_path: Path) -> None:
-    """The same stage in both: the read-only one; one that is in neither goes to the writable one."""
+    """A stage in both comes from the read-only one; a stage in neither goes to the writable one."""
     kept = Store(tmp_path / "kept").ensure(STAGE, build)
     own = Store(tmp_path / "own").ensure(STAGE, build)
     store = Store(tmp_path / "own", [tmp_path / "nowhere", tmp_path / "kept"])
@@ -249,10 +249,10 @@ def test_every_flipped_bit_and_every_truncation_is_found(complete: Path, tmp_pat
     for place in places:
         flipped = bytearray(whole)
         flipped[place] ^= 1 << int(generator.integers(8))
-        for damaged in (bytes(flipped), whole[:place]):
-            path.write_bytes(damaged)
+        for corrupted in (bytes(flipped), whole[:place]):
+            path.write_bytes(corrupted)
             try:
-                same = json.loads(damaged) == json.loads(whole) if name == PROVENANCE else False
+                same = json.loads(corrupted) == json.loads(whole) if name == PROVENANCE else False
             except ValueError:
                 same = False
             if same:  # white space of a text
@@ -264,30 +264,32 @@ def test_every_flipped_bit_and_every_truncation_is_found(complete: Path, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("harm", "told"),
+    ("harm", "message"),
     [
         (lambda folder: (folder / "result.txt").unlink(), "result.txt is missing"),
         (lambda folder: (folder / "another.txt").write_text("new"), "another.txt does not belong there"),
         (lambda folder: rewrite(folder, stage="map"), "provenance.json is that of another stage"),
         (lambda folder: rewrite(folder, config={"seed": 4}), "provenance.json is that of another stage"),
-        (lambda folder: (folder / PROVENANCE).write_text("[]"), "provenance.json is damaged"),
-        *((lambda folder, rules=rules: rewrite(folder, rules=rules), "is damaged") for rules in ([1], "x", 5, None)),
-        (lambda folder: rewrite(folder, rules={"train": 1.5}), "provenance.json is damaged"),
+        (lambda folder: (folder / PROVENANCE).write_text("[]"), "provenance.json is corrupted"),
+        *((lambda folder, rules=rules: rewrite(folder, rules=rules), "is corrupted") for rules in ([1], "x", 5, None)),
+        (lambda folder: rewrite(folder, rules={"train": 1.5}), "provenance.json is corrupted"),
         (lambda folder: rewrite(folder, rules={"train": 2}), "provenance.json is that of another stage"),
-        (lambda folder: rewrite(folder, files=3), "provenance.json is damaged"),
-        (lambda folder: rewrite(folder, stage=None), "provenance.json is damaged"),
-        (lambda folder: (folder / PROVENANCE).write_bytes(b"\xff"), "provenance.json is damaged"),
+        (lambda folder: rewrite(folder, files=3), "provenance.json is corrupted"),
+        (lambda folder: rewrite(folder, stage=None), "provenance.json is corrupted"),
+        (lambda folder: (folder / PROVENANCE).write_bytes(b"\xff"), "provenance.json is corrupted"),
     ],
 )
-def test_other_damage_is_told(complete: Path, tmp_path: Path, harm: Callable[[Path], Any], told: str) -> None:
-    """By hand; a job that needs the stage is told the same, and it stays as it is."""
+def test_other_corruption_is_reported(
+    complete: Path, tmp_path: Path, harm: Callable[[Path], Any], message: str
+) -> None:
+    """By hand; a job that needs the stage reports the same error, and the stage stays as it is."""
     harm(complete)
     before = digests(complete)
     for use in (Store(tmp_path).find, lambda stage: Store(tmp_path).ensure(stage, build), lambda _: check(complete)):
-        with pytest.raises(StoreError, match=told):
+        with pytest.raises(StoreError, match=message):
             use(STAGE)
     assert digests(complete) == before and Store(tmp_path).has(STAGE)
-    assert Store(tmp_path).state(STAGE, check=True).name == "damaged"
+    assert Store(tmp_path).state(STAGE, check=True).name == "corrupted"
 
 
 def rewrite(folder: Path, **changes: Any) -> None:
@@ -304,8 +306,8 @@ def test_what_other_versions_made_is_refused_unless_it_is_wanted(
     with monkeypatch.context() as patch:
         patch.setattr(provenance, "versions", lambda: old)
         folder = Store(tmp_path).ensure(STAGE, build)
-    told = f"{STAGE.digest} was made with torch 1.0 instead of {re.escape(str(versions()['torch']))}, .*versions=any"
-    with pytest.raises(StoreError, match=told):
+    message = f"{STAGE.digest} was made with torch 1.0 instead of {re.escape(str(versions()['torch']))}, .*versions=any"
+    with pytest.raises(StoreError, match=message):
         Store(tmp_path).find(STAGE)
     assert Store(tmp_path, any_versions=True).find(STAGE) == folder
     assert Store(tmp_path / "new", [tmp_path]).find(STAGE) == folder
@@ -337,7 +339,7 @@ def test_states(tmp_path: Path) -> None:
     seen: list[State] = []
 
     def work_on(work: Attempt, ending: BaseException | None) -> None:
-        work._noted = -10.0
+        work._last_note = -10.0
         work.progress(3, 12)
         seen.append(store.state(STAGE))
         build(work)
@@ -357,7 +359,7 @@ def test_states(tmp_path: Path) -> None:
     assert store.state(STAGE).name == "complete"
 
 
-def test_a_full_disk_is_told(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path) -> None:
     """As the system tells it; the library's own words would not say which disk."""
 
     def fill(work: Attempt) -> None:
@@ -369,14 +371,14 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
 
 
 def test_a_copy_of_some_files_is_a_stage_of_its_own(complete: Path, tmp_path: Path) -> None:
-    """Whole, found, and replaced by the next copy; a damaged one is not copied."""
+    """Whole, found, and replaced by the next copy; a corrupted one is not copied."""
     target = tmp_path / "kept" / "train" / STAGE.digest
     for patterns, names in ((["*.txt", "*.bin"], {"result.txt", "more/numbers.bin"}), (["result.*"], {"result.txt"})):
         copy_stage(complete, target, patterns)
         assert digests(target).keys() == {*names, PROVENANCE}
         assert Store(tmp_path / "kept").find(STAGE) == target
     (complete / "result.txt").write_text("changed")
-    with pytest.raises(StoreError, match=r"result\.txt is damaged"):
+    with pytest.raises(StoreError, match=r"result\.txt is corrupted"):
         copy_stage(complete, target, ["*"])
     assert (target / "result.txt").read_text() == "done"
 

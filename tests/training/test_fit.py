@@ -159,7 +159,7 @@ def test_without_compiled_loops_pytorch_trains_the_same(
     dataset: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Losses to float rounding; a training killed in the middle is, bit by bit, one that was not."""
-    monkeypatch.setattr(compiled, "_wanted", False)
+    monkeypatch.setattr(compiled, "_switch", False)
     whole = train(dataset, tmp_path / "whole")
     killed(dataset, tmp_path / "killed", monkeypatch, 2 * BATCHES_PER_EPOCH + 5)
     assert_same(train(dataset, tmp_path / "killed"), whole)
@@ -363,7 +363,7 @@ def test_a_kill_while_the_checkpoint_is_written_costs_an_epoch_at_most(
 
 
 @pytest.mark.parametrize("harm", [lambda content: content[:-100], lambda content: content[:900] + b"?" + content[901:]])
-def test_a_damaged_checkpoint_costs_epochs_and_nothing_else(
+def test_a_corrupted_checkpoint_costs_epochs_and_nothing_else(
     dataset: Path,
     undisturbed: Path,
     tmp_path: Path,
@@ -382,7 +382,7 @@ def test_a_damaged_checkpoint_costs_epochs_and_nothing_else(
     checkpoint.write_bytes(harm(checkpoint.read_bytes()))
     epochs: list[int] = []
     train(dataset, tmp_path, on_epoch=epochs.append)
-    assert epochs == [1, 2, 3, 4] and f"{checkpoint} is damaged; without it" in caplog.text
+    assert epochs == [1, 2, 3, 4] and f"{checkpoint} is corrupted; without it" in caplog.text
     assert_same(tmp_path, undisturbed)
 
 

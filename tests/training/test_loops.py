@@ -9,7 +9,7 @@ import torch
 from affmap import compiled
 from affmap.data.batches import Batch
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.transition import TransitionModel
+from affmap.model.transition import MLP
 from affmap.model.windows import take_apart
 from affmap.training import loops
 from affmap.training.module import TrainingModule
@@ -31,7 +31,7 @@ def module(
     channels: int = 1,
     seeds: tuple[int, ...] = (0, 1, 2),
     hidden_size: int = 32,
-    transition: type[TransitionModel] = TransitionModel,
+    transition: type[MLP] = MLP,
     **changes: Any,
 ) -> TrainingModule:
     settings = ModelSettings.load("model", "default", context_size=context_size, hidden_size=hidden_size)
@@ -166,7 +166,7 @@ def test_pytorch_goes_on_where_compiled_updates_stopped_and_the_other_way_round(
             torch.testing.assert_close(weight, expected.stack.get_parameter(name), rtol=1e-4, atol=1e-5, msg=name)
 
 
-class Other(TransitionModel):
+class Other(MLP):
     """A transition model of somebody's own."""
 
 

@@ -10,10 +10,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from affmap.experiments.comparison.report import format_value
-from affmap.report.drawing.colors import PLAN_COLOR, context_color
+from affmap.report.drawing.colors import context_color
 from affmap.report.drawing.files import STYLE, new_figure, save
 from affmap.report.drawing.numbers import HUGE
 from affmap.results.metrics import METRICS
+from affmap.results.setting import PLANNERS
 
 SPACING = "lookup.spacing"
 """The key of compared look-ups, whose context codes have errors."""
@@ -23,14 +24,14 @@ LEGEND_WIDTH = 120
 
 
 def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Path, notice: str | None) -> None:
-    """Draw and save what `comparison.compare` has found.
+    """Draw and save the results of `comparison.compare`.
 
     Args:
-        table: what it returned.
-        runs: the runs that it compared.
-        key: what was compared.
-        path: of the files, without their ending.
-        notice: what must stand on the figure, or None.
+        table: the results.
+        runs: the compared runs.
+        key: the compared key.
+        path: path of the files, without ending.
+        notice: a warning on the figure, or None.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lookups = key == SPACING
@@ -53,13 +54,13 @@ def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Pa
         figure.suptitle(compared, x=0.01, ha="left", fontsize=8)
         handles, settings = axes[count - 1].get_legend_handles_labels()
         if len(settings) > 1:
-            columns = max(1, min(len(settings), LEGEND_WIDTH // (max(map(len, settings)) + 6)))
+            columns = max(1, min(len(settings), LEGEND_WIDTH // (max(map(len, settings)) + 10)))
             figure.legend(handles, settings, loc="outside lower center", ncols=columns, frameon=False)
         save(figure, path, notice)
 
 
 def code_errors(ax: Axes, runs: pd.DataFrame, spacings: Sequence[float | str]) -> Axes:
-    """How far the planner's context codes are from exact ones: mean and standard deviation over runs.
+    """Draw the errors of the planner's context codes: mean and standard deviation over runs.
 
     Args:
         ax: where to draw.
@@ -75,14 +76,14 @@ def code_errors(ax: Axes, runs: pd.DataFrame, spacings: Sequence[float | str]) -
 
 
 def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) -> Axes:
-    """Differences of a metric to that of the first value, with their 95 % intervals, and the margin as a band.
+    """Draw differences of a metric from its first value, with their 95 % intervals, and the margin as a band.
 
     Planners, layouts and context sizes stand side by side.
 
     Args:
         ax: where to draw.
-        table: what `comparison.compare` returned, for one metric.
-        values: what is compared with the first one.
+        table: results of `comparison.compare` for one metric.
+        values: the values compared with the first one.
     """
     unit, margin = table["unit"].iloc[0], table["margin"].iloc[0]
     ax.axhspan(-margin, margin, color="0.92", lw=0)
@@ -91,7 +92,7 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
     telling = [key for key in keys if table[key].nunique() > 1]
     settings = list(table.groupby(keys))
     for place, (setting, group) in enumerate(settings):
-        named = dict(zip(keys, setting, strict=True))
+        labels = dict(zip(keys, setting, strict=True))
         shift = (place - (len(settings) - 1) / 2) * min(0.15, 0.7 / len(settings))
         places = [values.index(value) + shift for value in group["b"]]
         reach = [group["difference"] - group["low"], group["high"] - group["difference"]]
@@ -101,16 +102,16 @@ def differences(ax: Axes, table: pd.DataFrame, values: Sequence[float | str]) ->
             group["difference"],
             reach,
             fmt="os^vDPX*"[place % 8],
-            color=context_color(group["context_size"].iloc[0]) if several else PLAN_COLOR,
+            color=context_color(group["context_size"].iloc[0]) if several else PLANNERS["cem"].color,
             ms=3.5,
             capsize=2,
             lw=1,
             label=", ".join(
-                f"C = {named[key]}" if key == "context_size" else str(named[key]).replace("_", " ") for key in telling
+                f"C = {labels[key]}" if key == "context_size" else str(labels[key]).replace("_", " ") for key in telling
             ),
         )
     if max(table["difference"].abs().max(), table["high"].max(), -table["low"].min()) > HUGE:
-        ax.set_yscale("symlog", linthresh=1)  # the others, and the margin, are to be seen, too
+        ax.set_yscale("symlog", linthresh=1)  # keeps the others and the margin visible
         low, high = ax.get_ylim()
         decades = int(np.log10(max(abs(low), abs(high))))
         step = max(1, -(-decades // 4))

@@ -2,7 +2,7 @@
 
 Knows tables of runs, and the configurations they were made with. Two values count as the *same* when the 95 % interval
 of their difference lies within a margin set beforehand, as *different* when it leaves out zero and reaches beyond the
-margin; else nothing is decided.
+margin; otherwise the verdict is *not decided*.
 """
 
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import build
+from affmap.report.markdown import table as markdown_table
 from affmap.results import provenance, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number
@@ -26,14 +27,14 @@ COMPARED = ("validation_nll", "prediction_error", "mean_distance", "reached", "s
 """Metrics; the loss is that of a run's model."""
 
 WORDS = {Verdict.HOLDS: "same", Verdict.DOES_NOT_HOLD: "different", Verdict.NOT_DECIDED: "not decided"}
-"""What the verdict on being the same is called here."""
+"""Words for the verdicts on equality."""
 
 COLUMNS = {
     "planner": (PLANNER.key, "planner.kind", "agent.kind", "agent"),
     "layout": (LAYOUT.key, "world"),
     "context_size": (CONTEXT_SIZE.key,),
 }
-"""Column of the runs that tells settings apart -> the keys of the configuration that it comes from."""
+"""Column that distinguishes settings in the table of runs -> keys of the configuration behind it."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +57,16 @@ class ComparisonReport:
     """Name of the experiment."""
     title: str
     command: str
-    """The command line that gives this comparison."""
+    """Command line that makes this comparison."""
     notice: str | None
-    """A warning to the reader that heads Markdown and figure, or None."""
+    """Warning at the top of Markdown and figure, or None."""
 
     def __post_init__(self) -> None:
         _check(self.jobs, self.key)
 
     @property
     def record(self) -> dict[str, Any]:
-        """See `build.Report`."""
+        """Compared key and provenance, see `build.Report`."""
         head = {"name": self.name, "title": self.title, "notice": self.notice, "report": self.command}
         return {"compare": self.key, **head, **provenance.summarize(self.jobs, read_provenance(self.jobs))}
 
@@ -79,7 +80,7 @@ class ComparisonReport:
         return self.key.replace(".", "_")
 
     def draw(self) -> None:
-        """See `build.Report`.
+        """Write tables and figure, see `build.Report`.
 
         Raises:
             ConfigError: all jobs have the same value of the key.
@@ -111,26 +112,26 @@ def value_of(job: Setting, key: str) -> Any:
     """
     values = _values(job)
     known = (each for each in (key, f"{key}.name", f"{key}.kind") if each in values)
-    found = next((values[each] for each in known), job.values.get(key))
-    if found is None:
+    value = next((values[each] for each in known), job.values.get(key))
+    if value is None:
         raise ConfigError(
             f"report.compare is {key!r}, which runs of control do not depend on; they do on {sorted(values)}"
         )
-    if isinstance(found, list):
-        return ", ".join(str(item.get("name", item)) if isinstance(item, dict) else str(item) for item in found)
-    return str(found).lower() if isinstance(found, bool) else found
+    if isinstance(value, list):
+        return ", ".join(str(item.get("name", item)) if isinstance(item, dict) else str(item) for item in value)
+    return str(value).lower() if isinstance(value, bool) else value
 
 
 def _values(job: Setting) -> dict[str, Any]:
-    """What the runs of a job depend on, by dotted key."""
+    """Configuration that the runs of a job depend on, by dotted key."""
     return leaves(Results((job,)).provenance[job.control[0]]["config"])
 
 
 def _check(jobs: Sequence[Setting], key: str) -> None:
-    """Refuse jobs that differ in more than a key and what the table tells apart: they would be averaged unseen."""
-    seen: dict[tuple[Any, ...], Setting] = {}
+    """Refuse jobs with further differences, which the table does not show and would silently average."""
+    first_jobs: dict[tuple[Any, ...], Setting] = {}
     for job in jobs:
-        first = seen.setdefault((job.planner, job.layout, job.context_size, value_of(job, key)), job)
+        first = first_jobs.setdefault((job.planner, job.layout, job.context_size, value_of(job, key)), job)
         if others := differences(_values(job), _values(first)):
             raise ConfigError(
                 f"report.compare is {key!r}, but {', '.join(others)} differ, too; sweep over one key at a time."
@@ -168,7 +169,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
     metrics = [metric for metric in COMPARED if metric not in redundant]
     rows = []
     for setting, group in runs.groupby(settings):
-        named = dict(zip(settings, setting, strict=True))
+        labels = dict(zip(settings, setting, strict=True))
         for metric in metrics:
             scores = score_matrix(group, metric, [factor])  # [M, values]
             medians = group.astype({metric: float}).groupby(factor)[metric].median()
@@ -178,7 +179,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
                 low, high = statistics.interval(difference) if enough else (None, None)
                 rows.append(
                     {
-                        **named,
+                        **labels,
                         "metric": metric,
                         "unit": METRICS[metric].unit,
                         "members": len(scores),
@@ -200,14 +201,14 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
 
 
 def verdict(low: float | None, high: float | None, margin: float | None) -> str:
-    """What an interval of a difference says: "same", "different" or "not decided"."""
+    """Verdict from the interval of a difference: "same", "different" or "not decided"."""
     if low is None or high is None or margin is None:
         return WORDS[Verdict.NOT_DECIDED]
     return WORDS[statistics.equivalence(low, high, margin)]
 
 
 def markdown(table: pd.DataFrame, key: str) -> str:
-    """A table of `compare` as Markdown."""
+    """Markdown table of the results of `compare`."""
     settings = [column for column in COLUMNS if column in table]
     heads = [*(column.replace("_", " ") for column in settings), "metric", key.replace(".", " ").replace("_", " ")]
     heads += ["mean", "median", "difference [95 % interval]", "margin", "verdict"]
@@ -226,9 +227,9 @@ def markdown(table: pd.DataFrame, key: str) -> str:
                 row["verdict"],
             ]
         )
-    return build.markdown_table(heads, rows)
+    return markdown_table(heads, rows)
 
 
 def format_value(value: float | str) -> str:
-    """A value of the compared key, as tables and figures show it."""
-    return value if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"
+    """Value of the compared key as in tables and figures."""
+    return short_name(value) if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"

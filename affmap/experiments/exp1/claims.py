@@ -11,7 +11,7 @@ from affmap.results.tables import Results
 
 
 def _control(results: Results, planner: str, metric: str, direction: Direction) -> list[Criterion]:
-    return [claims.trend(claims.flown(results, planner=planner), metric, direction, short_name(planner))]
+    return [claims.trend(claims.select_runs(results, planner=planner), metric, direction, short_name(planner))]
 
 
 def _without_context(results: Results) -> list[Criterion]:
@@ -27,11 +27,11 @@ def _with_context(results: Results) -> list[Criterion]:
 
 
 def _encoding(results: Results) -> list[Criterion]:
-    painted = claims.largest_maps(results)
-    found: list[Criterion] = []
+    maps = claims.largest_maps(results)
+    criteria: list[Criterion] = []
     for name, (statement, effect_of, contrast, order) in _CONTRASTS.items():
-        found += claims.encoded(painted, contrast, order, name, effect_of, statement)
-    return found
+        criteria += claims.encoded(maps, contrast, order, name, effect_of, statement)
+    return criteria
 
 
 _CONTRASTS: dict[str, tuple[str, str, Contrast, Order]] = {

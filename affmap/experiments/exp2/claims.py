@@ -12,35 +12,35 @@ ORIGINAL, TWO, TWELVE = "original", "two_obstacles", "twelve_obstacles"
 """Layouts."""
 
 NEW = {"a": (TWO, "2 obstacles"), "b": (TWELVE, "12 obstacles")}
-"""Criterion -> layout, and what it is called."""
+"""Criterion -> layout, and its description."""
 
 
 def _falls(results: Results, metric: str) -> list[Criterion]:
     return [
         claims.trend(
-            claims.flown(results, layout),
+            claims.select_runs(results, layout),
             metric,
             "falls",
-            f"EB in the world with {called}",
+            f"EB in the world with {description}",
             part,
-            f"{called}: the {METRICS[metric].name} falls with the context size.",
+            f"{description}: the {METRICS[metric].name} falls with the context size.",
         )
-        for part, (layout, called) in NEW.items()
+        for part, (layout, description) in NEW.items()
     ]
 
 
 def _distances(results: Results) -> list[Criterion]:
-    runs = claims.flown(results)
+    runs = claims.select_runs(results)
     orders: dict[str, tuple[Order, str]] = {"a": ("higher", "larger"), "b": ("lower", "smaller")}
     return [
         Criterion(
             part,
-            f"{called} minus original, mean over context sizes",
+            f"{description} minus original, mean over context sizes",
             METRICS["mean_distance"].unit,
             claims.paired(runs, "mean_distance", Pair("layout", layout, ORIGINAL), orders[part][0]),
-            f"The mean distance with {called} is {orders[part][1]} than in the original world.",
+            f"The mean distance with {description} is {orders[part][1]} than in the original world.",
         )
-        for part, (layout, called) in NEW.items()
+        for part, (layout, description) in NEW.items()
     ]
 
 

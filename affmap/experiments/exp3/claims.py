@@ -21,25 +21,25 @@ TRACE = 0.1
 
 
 def _no_difference(results: Results) -> list[Criterion]:
-    """The paper finds no significant difference; that alone could be lack of data, so equivalence is tested."""
-    found = []
+    """Test equivalence: the paper's lack of a significant difference alone could be a lack of data."""
+    criteria = []
     for metric, name in COMPARED.items():
         margin = METRICS[metric].margin
         assert margin is not None
-        table = results.last_epoch if metric == "validation_nll" else claims.flown(results)
+        table = results.last_epoch if metric == "validation_nll" else claims.select_runs(results)
         table = table[table["context_size"] > 0]  # without a context both are the same model
         outcome = claims.same(table, metric, Pair("layout", HARD, EASY), margin)
-        named, unit = METRICS[metric].name, METRICS[metric].unit
-        says = f"On average over the context sizes the {named} is the same in both, up to {margin:g} {unit}."
-        found.append(Criterion(name, "hard minus easy, mean over C > 0", unit, outcome, says))
-    return found
+        label, unit = METRICS[metric].name, METRICS[metric].unit
+        says = f"On average over the context sizes the {label} is the same in both, up to {margin:g} {unit}."
+        criteria.append(Criterion(name, "hard minus easy, mean over C > 0", unit, outcome, says))
+    return criteria
 
 
 def _no_trace(results: Results) -> list[Criterion]:
-    painted = claims.largest_maps(results, HARD)
+    largest = claims.largest_maps(results, HARD)
     size, outcome, learned = 0, NO_CONTEXT, NO_CONTEXT
-    if painted is not None:
-        size, maps, world, radius = painted
+    if largest is not None:
+        size, maps, world, radius = largest
         trained, untrained = (
             _ratio(*encoding.meaningless_trace(codes, world, radius)) for codes in (maps, maps.untrained)
         )
@@ -55,7 +55,7 @@ def _no_trace(results: Results) -> list[Criterion]:
 
 
 def _ratio(first: Floats, second: Floats) -> Floats:
-    """`[M]`; NaN where a map is constant."""
+    """Ratio of distances `[M]`; NaN where a map is constant."""
     return np.divide(first, second, out=np.full(first.shape, np.nan), where=second > 0)
 
 
@@ -70,12 +70,12 @@ def _looks_vanish(results: Results) -> list[Criterion]:
 
 
 def _growth(results: Results) -> tuple[str, Outcome, Outcome]:
-    """Which epochs are compared, the trend over all kept ones, and the last one beside the map before training."""
+    """Epochs compared, the trend over all saved epochs, and the last epoch compared with the map before training."""
     maps = results.growth_maps
     if results.growth is None or maps is None or not len(maps.epochs):
         note = "needs the longer training, with maps after several epochs"
         return "epochs", statistics.undecided(claims.TREND, 0, note), statistics.undecided(claims.SIGNED_RANK, 0, note)
-    place = results.map_world(results.growth), results.vehicle_radius(results.growth)
+    place = results.map_layout(results.growth), results.vehicle_radius(results.growth)
     after = {epoch: encoding.look_difference(then, *place) for epoch, then in sorted(maps.snapshots.items())}
     epochs = f"epoch {max(after)} minus epoch {min(after)}"
     last = after[max(after)]

@@ -22,7 +22,7 @@ def _loss(results: Results) -> list[Criterion]:
 
 
 def _error(results: Results) -> list[Criterion]:
-    return [_with_minus_without(claims.flown(results), "prediction_error")]
+    return [_with_minus_without(claims.select_runs(results), "prediction_error")]
 
 
 def _with_minus_without(table: pd.DataFrame, metric: str) -> Criterion:
@@ -42,7 +42,7 @@ def _with_minus_without(table: pd.DataFrame, metric: str) -> Criterion:
 
 
 def _success(results: Results) -> list[Criterion]:
-    runs = claims.flown(results)
+    runs = claims.select_runs(results)
     outcome = _at_least(runs[runs["context_size"] > 0])
     shares = runs.groupby("context_size")["success"].mean()
     notes = [f"C = {size}: {number(share)}" for size, share in shares.items()]
@@ -55,15 +55,15 @@ def _at_least(runs: pd.DataFrame) -> Outcome:
 
 
 def _kinds(results: Results) -> list[Criterion]:
-    painted = claims.largest_maps(results)
+    maps = claims.largest_maps(results)
     pairs = {"a": ("free space", "border"), "b": ("free space", "fog"), "c": ("border", "fog")}
-    found: list[Criterion] = []
+    criteria: list[Criterion] = []
     for name, (first, second) in pairs.items():
         contrast = partial(encoding.separation, kind=first, others=[second])
         says = f"The codes of {first} and of {second} are farther apart than the codes of either scatter."
         effect_of = f"distance between {first} and {second} minus scatter of codes"
-        found += claims.encoded(painted, contrast, "higher", name, effect_of, says)
-    return found
+        criteria += claims.encoded(maps, contrast, "higher", name, effect_of, says)
+    return criteria
 
 
 REMARK = (

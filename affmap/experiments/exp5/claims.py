@@ -29,8 +29,8 @@ NEARLY_ALWAYS = 0.9
 
 
 def _easy_beats_hard(results: Results) -> list[Criterion]:
-    runs = claims.flown(results)
-    found = []
+    runs = claims.select_runs(results)
+    criteria = []
     compared: dict[str, tuple[str, Order, str]] = {
         "success": ("success", "higher", "More runs succeed in easy worlds."),
         "error": ("prediction_error", "lower", "Errors are smaller in easy worlds."),
@@ -38,26 +38,26 @@ def _easy_beats_hard(results: Results) -> list[Criterion]:
     for name, (metric, order, says) in compared.items():
         outcome = claims.paired_at_every_size(runs, metric, Pair("layout", EASY, HARD), order)
         effect_of = "easy minus hard, mean over context sizes (p and verdict: of all of them)"
-        found.append(Criterion(name, effect_of, METRICS[metric].unit, outcome, says))
-    return found
+        criteria.append(Criterion(name, effect_of, METRICS[metric].unit, outcome, says))
+    return criteria
 
 
 def _improves(results: Results) -> list[Criterion]:
-    found = []
-    for called, layout in (("easy", EASY), ("hard", HARD)):
-        runs, who = claims.flown(results, layout), f"EB in {called} worlds"
+    criteria = []
+    for condition, layout in (("easy", EASY), ("hard", HARD)):
+        runs, who = claims.select_runs(results, layout), f"EB in {condition} worlds"
         more, less = (
-            f"{called}: more runs succeed with larger contexts.",
-            f"{called}: the error falls with the context size.",
+            f"{condition}: more runs succeed with larger contexts.",
+            f"{condition}: the error falls with the context size.",
         )
-        found.append(claims.trend(runs, "success", "rises", who, f"{called}, success", more))
-        found.append(claims.trend(runs, "prediction_error", "falls", who, f"{called}, error", less))
-    return found
+        criteria.append(claims.trend(runs, "success", "rises", who, f"{condition}, success", more))
+        criteria.append(claims.trend(runs, "prediction_error", "falls", who, f"{condition}, error", less))
+    return criteria
 
 
 def _nearly_always(results: Results) -> list[Criterion]:
-    """A world may have no way for a vehicle that steers freely; how the other runs did is in the note."""
-    runs = claims.flown(results, EASY)
+    """Test the share of successful runs; the note gives the share in worlds with a passable route."""
+    runs = claims.select_runs(results, EASY)
     runs = runs[runs["context_size"] == runs["context_size"].max()]
     shares = score_matrix(runs, "success").to_numpy(float)[:, 0] if len(runs) else np.empty(0)
     outcome = statistics.at_least(shares, NEARLY_ALWAYS)
@@ -70,17 +70,17 @@ def _nearly_always(results: Results) -> list[Criterion]:
 
 
 def _distinct(results: Results) -> list[Criterion]:
-    """The paper says this of a figure, without a number."""
-    painted = claims.largest_maps(results)
-    found: list[Criterion] = []
+    """Test the distinction of all kinds; the paper bases this claim on a figure, without a number."""
+    maps = claims.largest_maps(results)
+    criteria: list[Criterion] = []
     for name, kind in zip("abcd", KINDS, strict=True):
         others = ["free space", *(other for other in KINDS if other != kind)]
         contrast = partial(encoding.separation, kind=kind, others=others)
         label = EFFECTS[kind].label
         says = f"Codes of “{label}” are farther from those of every other kind than the codes of either scatter."
         effect_of = f"distance between “{label}” and another kind minus scatter of their codes, for the least distinct"
-        found += claims.encoded(painted, contrast, "higher", name, effect_of, says)
-    return found
+        criteria += claims.encoded(maps, contrast, "higher", name, effect_of, says)
+    return criteria
 
 
 CLAIMS = (

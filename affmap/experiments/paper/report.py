@@ -1,33 +1,34 @@
-"""The reports of all experiments of the paper -> one: what holds, what does not, and what it took.
+"""The report of all experiments of the paper: verdicts on its claims, figures and costs.
 
-It shows the figures that the experiments' own reports have drawn, and tests their claims again.
+It shows the figures of the experiments' own reports, and tests their claims again.
 """
 
 import json
-import shutil
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from affmap.report import blocks, build, content, page, sentences
-from affmap.report.blocks import Block
-from affmap.report.figures import CAPTIONS
-from affmap.report.sections import deviations
+from affmap.report import build, page, sentences
+from affmap.report.content import Content, alert, claim_rows, claims_markdown, claims_table, deviations, origins
+from affmap.report.experiment import PARTS, Room
+from affmap.report.figures import CAPTIONS, figures_of
+from affmap.report.markdown import bullets, escape, fill, text_table
 from affmap.results import manifest, provenance
-from affmap.results.claims import Claim, Score
-from affmap.results.numbers import NOTHING, number, p_value, points
+from affmap.results.claims import Score
+from affmap.results.numbers import NOTHING, number, p_value
 from affmap.results.scores import as_table, score
 from affmap.results.setting import ReportSettings
+from affmap.results.statistics import LEVEL
 from affmap.results.tables import Results, write_csv
 from affmap.settings.messages import ConfigError
 
-TITLE = "Affordances and active motor control: the paper's experiments"
+_HERE = Path(__file__).parent
 
-FIGURES = ("results", "trajectories", "maps", "growth", "failures", "world")
-"""Those shown of each experiment, where it has them."""
+TITLE = "Affordances and active motor control: the paper's experiments"
 
 
 class Chapter(NamedTuple):
@@ -36,11 +37,11 @@ class Chapter(NamedTuple):
     title: str
     results: Results
     settings: ReportSettings
-    claims: Sequence[Claim]
+    room: Room
     output: Path
     """Folder of its own report."""
     missing: str
-    """A sentence on settings that have not been run; empty where all have."""
+    """Sentence on settings that have not been run; empty if all have."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +56,21 @@ class PaperReport:
     chapters: Sequence[Chapter]
     """The experiments in their order."""
     command: str
-    """The command line that gives this report."""
+    """Command line that makes this report."""
     notice: str | None
-    """A warning to the reader, or None."""
+    """Warning to the reader, or None."""
 
     def __post_init__(self) -> None:
         for chapter in self.chapters:
-            made = {record["digest"] for record in chapter.results.provenance.values()}
-            if manifest.stage_digests(chapter.output) != made:
+            digests = {record["digest"] for record in chapter.results.provenance.values()}
+            if manifest.stage_digests(chapter.output) != digests:
                 raise ConfigError(
                     f"{chapter.output} holds no report of these results; run affmap-report for them first."
                 )
 
     @property
     def record(self) -> dict[str, Any]:
-        """See `build.Report`."""
+        """Settings and provenance of all experiments, see `build.Report`."""
         experiments = {
             chapter.output.name: {
                 "title": chapter.title,
@@ -87,25 +88,106 @@ class PaperReport:
         return self.output / "report.pdf"
 
     def draw(self) -> None:
-        """See `build.Report`."""
-        scores = [score(chapter.results, chapter.claims) for chapter in self.chapters]
+        """Write tables and page, see `build.Report`."""
+        scores = [score(chapter.results, chapter.room.claims) for chapter in self.chapters]
         _write_tables(self.output / "tables", self.chapters, scores)
-        drawn = [_copy_figures(chapter, self.output / "figures") for chapter in self.chapters]
-        content = _blocks(self.chapters, scores, drawn, self.record)
-        page.write(self.output, {"title": TITLE, "notice": self.notice or "", "blocks": content})
+        content = PaperContent(self, scores)
+        page.write(self.output, fill(_HERE / "paper.md", content, (_HERE, PARTS)), self.notice, {})
+
+
+@dataclass(frozen=True)
+class PaperContent:
+    """The directives of the page, see `affmap.report.content`."""
+
+    report: PaperReport
+    scores: Sequence[Sequence[Score]]
+    """Scores of each chapter's claims."""
+
+    def title(self) -> str:
+        """Title of the report."""
+        return TITLE
+
+    def notice(self) -> str:
+        """Warning to the reader, and a note on incomplete chapters."""
+        missing = [f"{chapter.title}: {chapter.missing}" for chapter in self.report.chapters if chapter.missing]
+        return "\n\n".join(map(alert, filter(None, [self.report.notice, *missing])))
+
+    def verdicts(self) -> str:
+        """Numbers of claims that hold, do not hold, and are not decided."""
+        return escape(sentences.verdict_count([each for some in self.scores for each in some]))
+
+    def remarks(self) -> str:
+        """Choices digests after a verdict had been seen."""
+        return bullets(map(escape, sentences.remarks([each for some in self.scores for each in some])))
+
+    def claims(self) -> str:
+        """Table of the claims, a row each."""
+        return claims_table(_rows(self.report.chapters, self.scores))
+
+    def tests(self) -> str:
+        """Table of the claims with all their parts."""
+        return claims_table([row for some in self.scores for row in claim_rows(some)])
+
+    def level(self) -> str:
+        """Level of significance of the tests."""
+        return f"{LEVEL}"
+
+    def axes(self) -> str:
+        """Explanation of the paper's axes."""
+        return escape(sentences.AXES)
+
+    def costs(self) -> str:
+        """Process minutes of each experiment and kind of stage."""
+        chapters = self.report.chapters
+        tables = provenance.costs([chapter.results for chapter in chapters])
+        rows = [
+            [chapter.title, str(len(chapter.results.runs)), *(_minutes(cost) for cost in costs), _total(costs)]
+            for chapter, costs in zip(chapters, tables, strict=True)
+        ]
+        everything = [cost for costs in tables for cost in costs]
+        each = [[cost for cost in everything if cost.stage == stage.stage] for stage in tables[0]]
+        rows.append(["All", "", *(_total(costs) for costs in each), _total(everything)])
+        return text_table(["Experiment", "Runs", *(cost.stage.capitalize() for cost in tables[0]), "Together"], rows)
+
+    def cores(self) -> str:
+        """Number of cores of the machines."""
+        records = [record for chapter in self.report.chapters for record in chapter.results.provenance.values()]
+        return " or ".join(map(str, sorted({record["machine"]["cores"] for record in records})))
+
+    def chapters(self) -> str:
+        """The experiments, one after the other."""
+        return "\n\n".join(map(self._chapter, self.report.chapters, self.scores))
+
+    def _chapter(self, chapter: Chapter, scores: Sequence[Score]) -> str:
+        folder = Path(os.path.relpath(chapter.output / "figures", self.report.output)).as_posix()
+        captions = json.loads((chapter.output / "figures" / CAPTIONS).read_text("utf-8"))
+        known = figures_of(*chapter.room.figures)
+        about = Content(
+            chapter.title, chapter.missing, chapter.results, scores, chapter.settings, known, captions, {}, folder
+        )
+        return fill(_HERE / "chapter.md", about, chapter.room.folders)
+
+    def deviations(self) -> str:
+        """Deviations from the paper, with reasons."""
+        return deviations([chapter.results for chapter in self.report.chapters])
+
+    def origins(self) -> str:
+        """Command, commits, versions and machines."""
+        record = self.report.record
+        return origins(list(record["experiments"].values()), record["report"])
 
 
 def _write_tables(folder: Path, chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> None:
     tables = []
-    for chapter, found in zip(chapters, scores, strict=True):
-        table = as_table(found)
+    for chapter, chapter_scores in zip(chapters, scores, strict=True):
+        table = as_table(chapter_scores)
         table.insert(0, "experiment", chapter.output.name)
         table["missing"] = chapter.missing
         tables.append(table)
     write_csv(folder / "claims.csv", pd.concat(tables))
     rows = _rows(chapters, scores)
-    marked = [row | {"statement": row["statement"] + (" (So far.)" if row["detail"] else "")} for row in rows]
-    build.write_text(folder / "claims.md", content.claims_markdown(marked))
+    rows_so_far = [row | {"statement": row["statement"] + (" (So far.)" if row["detail"] else "")} for row in rows]
+    build.write_text(folder / "claims.md", claims_markdown(rows_so_far))
 
 
 def _rows(chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> list[dict[str, str]]:
@@ -113,61 +195,8 @@ def _rows(chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> lis
     return [_short(item, chapter) for chapter, some in zip(chapters, scores, strict=True) for item in some]
 
 
-def _copy_figures(chapter: Chapter, folder: Path) -> dict[str, str]:
-    """Take over figures of an experiment's own report, into a folder of its own; returns name -> caption."""
-    target = folder / chapter.output.name
-    shutil.rmtree(target, ignore_errors=True)  # a figure may have been drawn in other formats
-    target.mkdir(parents=True, exist_ok=True)
-    captions: dict[str, str] = json.loads((chapter.output / "figures" / CAPTIONS).read_text("utf-8"))
-    shown = {name: captions[name] for name in FIGURES if name in captions}
-    for name in shown:
-        for path in (chapter.output / "figures").glob(f"{name}.*"):
-            shutil.copyfile(path, target / path.name)
-    return shown
-
-
-def _blocks(
-    chapters: Sequence[Chapter],
-    scores: Sequence[Sequence[Score]],
-    drawn: Sequence[Mapping[str, str]],
-    record: dict[str, Any],
-) -> list[Block]:
-    found: list[Block] = [
-        blocks.alert(f"{chapter.title}: {chapter.missing}") for chapter in chapters if chapter.missing
-    ]
-    together = [item for some in scores for item in some]
-    found += [
-        blocks.paragraph(
-            f"{sentences.verdict_count(together, 'its experiments')} How this was decided, and every part of these "
-            "claims, is said below the experiments; the p of a claim of several parts is the largest of theirs. The "
-            "pages of the experiments' own reports play their runs and tell the codes of their maps. Claims near a "
-            "bound were tested once more, with 100 fresh members: see the last part but one."
-        ),
-        blocks.claims(_rows(chapters, scores)),
-        blocks.bullets(sentences.remarks(together)),
-        blocks.heading("What was run, and what it took"),
-        *_costs(chapters),
-    ]
-    for chapter, some, captions in zip(chapters, scores, drawn, strict=True):
-        found += _experiment(chapter, some, captions)
-    return [
-        *found,
-        blocks.heading("How it was decided"),
-        blocks.paragraph(content.RULE),
-        blocks.paragraph(content.RANGES),
-        blocks.claims([row for some in scores for row in content.claim_rows(some)]),
-        blocks.heading("Where this differs from the paper, and why"),
-        deviations([chapter.results for chapter in chapters]),
-        blocks.heading("What did not reproduce in the reference run, and why"),
-        blocks.points(points((Path(__file__).parent / "causes.md").read_text("utf-8"))),
-        blocks.heading("Provenance"),
-        content.origins(list(record["experiments"].values()), record["report"]),
-        blocks.paragraph("Every stage is listed in the experiments' own reports, and in provenance.json."),
-    ]
-
-
 def _short(item: Score, chapter: Chapter) -> dict[str, str]:
-    """A claim in a row; where it has several parts, the largest p of all is that of the whole."""
+    """Row of a claim; with several parts, its p is the largest of theirs."""
     counting = [part for part in item.parts if part.counts]
     single = counting[0] if len(counting) == 1 else None
     p = [part.outcome.p for part in counting]
@@ -182,54 +211,9 @@ def _short(item: Score, chapter: Chapter) -> dict[str, str]:
     }
 
 
-def _costs(chapters: Sequence[Chapter]) -> list[Block]:
-    """Process minutes of each experiment and kind of stage."""
-    tables = provenance.costs([chapter.results for chapter in chapters])
-    rows = [
-        [chapter.title, str(len(chapter.results.runs)), *(_minutes(cost) for cost in costs), _total(costs)]
-        for chapter, costs in zip(chapters, tables, strict=True)
-    ]
-    everything = [cost for costs in tables for cost in costs]
-    each = [[cost for cost in everything if cost.stage == stage.stage] for stage in tables[0]]
-    rows.append(["All", "", *(_total(costs) for costs in each), _total(everything)])
-    records = [record for chapter in chapters for record in chapter.results.provenance.values()]
-    cores = sorted({record["machine"]["cores"] for record in records})
-    return [
-        blocks.paragraph(
-            "Minutes on the clock of every process, all attempts together; in brackets the number of "
-            "processes. What two experiments share is counted with the first. A process has one thread unless "
-            f"configured otherwise; the machine had {' or '.join(map(str, cores))} cores, and other processes may "
-            "have been running beside these."
-        ),
-        blocks.table(
-            ["Experiment", "Runs", *(cost.stage.capitalize() for cost in tables[0]), "Together"], rows, wide=0
-        ),
-    ]
-
-
 def _minutes(cost: provenance.Cost) -> str:
     return f"{number(cost.seconds / 60, 1)} ({cost.folders})" if cost.folders else NOTHING
 
 
 def _total(costs: Sequence[provenance.Cost]) -> str:
     return number(sum(cost.seconds for cost in costs) / 60, 1)
-
-
-def _experiment(chapter: Chapter, scores: Sequence[Score], captions: Mapping[str, str]) -> list[Block]:
-    return [
-        blocks.heading(chapter.title),
-        *([blocks.alert(chapter.missing)] if chapter.missing else []),
-        blocks.paragraph(sentences.setting(chapter.results)),
-        blocks.bullets(
-            [
-                *sentences.findings(scores),
-                *sentences.bounds(chapter.results, chapter.settings),
-                *sentences.mixtures(chapter.results, chapter.settings),
-                *sentences.uncrossable(chapter.results, chapter.settings),
-                sentences.spikes(chapter.results),
-            ]
-        ),
-        *content.figures([*captions], captions, f"{chapter.output.name}/"),
-        *content.medians(chapter.results, chapter.settings, level=2),
-        *content.baselines(chapter.results, chapter.settings, level=2),
-    ]

@@ -14,7 +14,7 @@ from affmap.results.metrics import METRICS
 BEST, USED, OTHER = "#0072B2", "#D55E00", "0.6"
 
 POOR = 0.8
-"""Share of the trials that the axis of the result shows; poorer ones stand at its end as triangles."""
+"""Share of the trials within the axis of the result; poorer trials are triangles at its end."""
 
 
 def draw_search(
@@ -24,11 +24,11 @@ def draw_search(
 
     Args:
         table: the trials, as `report.read` gives them.
-        objective: the metric that the search was for.
+        objective: the metric that the search optimised.
         used: the trial of the values in use, or None.
         log_keys: keys with a logarithmic axis.
-        path: of the files, without their ending.
-        notice: what must stand on the figure, or None.
+        path: path of the files, without ending.
+        notice: a warning on the figure, or None.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     keys = list(table.columns[4:])
@@ -48,7 +48,7 @@ def draw_search(
 
 
 def history(ax: Axes, table: pd.DataFrame, objective: str, used: int | None) -> Axes:
-    """The result of each trial in their order, and the best so far.
+    """Draw the result of each trial in order, and the best so far.
 
     Args:
         ax: where to draw.
@@ -67,14 +67,14 @@ def history(ax: Axes, table: pd.DataFrame, objective: str, used: int | None) -> 
 
 
 def by_value(ax: Axes, table: pd.DataFrame, objective: str, used: int | None, key: str, log: bool) -> Axes:
-    """The result of each trial over the value of one key.
+    """Draw the result of each trial over the value of one key.
 
     Args:
         ax: where to draw.
         table: one row per trial: trial, status, result, and a column named by the key.
         objective: the metric of the results.
         used: the trial of the values in use, or None.
-        key: a column; values that are no numbers stand side by side.
+        key: a column; values that are not numbers are drawn side by side.
         log: whether the axis is logarithmic.
     """
     complete = table[table["status"] == "ok"].copy()

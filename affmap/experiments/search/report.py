@@ -1,6 +1,6 @@
-"""What a search has found: its trials as a table, and figures of its history and of what each value does.
+"""The report of a search: its trials as a table, and figures of its history and of the effect of each value.
 
-Knows the sweeper's table (a row for each trial: trial, status, result, batch_seconds, then a column for each key).
+Knows the sweeper's table (one row per trial: trial, status, result, batch_seconds, then a column for each key).
 """
 
 from collections.abc import Collection, Mapping
@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import build
+from affmap.report.markdown import table as markdown_table
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.tables import write_csv
@@ -18,17 +19,17 @@ from affmap.settings import ConfigError
 from affmap.store.files import sha256
 
 FIXED = ("trial", "status", "result", "batch_seconds")
-"""Columns that are no keys."""
+"""Columns that are not keys."""
 
 SHOWN = 10
-"""Rows of the table of the best."""
+"""Rows of the table of the best trials."""
 
 
 def read(path: Path) -> pd.DataFrame:
-    """The sweeper's table of trials.
+    """Read the sweeper's table of trials.
 
     Raises:
-        ConfigError: it is not there, or something else.
+        ConfigError: the file is missing, or is no such table.
     """
     try:
         table = pd.read_csv(path).astype({"trial": int, "result": float})
@@ -50,22 +51,22 @@ class SearchReport:
     path: Path
     """The sweeper's table."""
     objective: str
-    """The metric that the search is for; `success` is the better the larger, others the smaller."""
+    """The objective of the search; `success` is maximised, other metrics are minimised."""
     in_use: Mapping[str, Any]
-    """Values of the configuration by dotted key, to be found among the trials."""
+    """Values of the configuration by dotted key, marked among the trials."""
     log_keys: Collection[str]
     """Keys that were searched on a logarithmic scale."""
     origin: Mapping[str, Any]
-    """Other entries of the manifest about where the trials come from."""
+    """Further entries of the manifest, on the origin of the trials."""
     title: str
     command: str
-    """The command line that gives this search."""
+    """Command line of this search."""
     notice: str | None
-    """A warning to the reader, or None."""
+    """Warning to the reader, or None."""
 
     @property
     def record(self) -> dict[str, Any]:
-        """See `build.Report`."""
+        """Objective and origin of the trials, see `build.Report`."""
         head = {"title": self.title, "notice": self.notice, "report": self.command, "objective": self.objective}
         return {**head, **self.origin, "trials": sha256(self.path) if self.path.is_file() else None}
 
@@ -75,7 +76,7 @@ class SearchReport:
         return self.output / "tables" / "search.md"
 
     def draw(self) -> None:
-        """See `build.Report`.
+        """Write tables and figure, see `build.Report`.
 
         Raises:
             ConfigError: there are no complete trials.
@@ -95,25 +96,26 @@ class SearchReport:
 
 
 def ranked(table: pd.DataFrame, objective: str) -> pd.DataFrame:
-    """The complete trials, the best first; of equal ones the earlier."""
+    """Complete trials, the best first, and earlier ones before equal later ones."""
     complete = table[table["status"] == "ok"]
     return complete.sort_values("result", ascending=objective != "success", kind="stable", ignore_index=True)
 
 
 def markdown(table: pd.DataFrame, objective: str, used: int | None, keys: list[str]) -> str:
-    """The best trials and that of the values in use as a Markdown table, headed by a sentence on them."""
+    """Markdown table of the best trials and that of the values in use, after a summary."""
     metric = METRICS[objective]
     order = ranked(table, objective)
     results, numbers = order["result"].tolist(), order["trial"].tolist()
     failed = len(table) - len(order)
     lead = [f"{len(table)} trials, {failed} of which failed." if failed else f"{len(table)} trials."]
-    lead.append(f"The best, trial {numbers[0]}, has {_told(results[0], objective)}.")
+    lead.append(f"The best, trial {numbers[0]}, has {_format_result(results[0], objective)}.")
     rows = list(range(min(SHOWN, len(order))))
     if used in numbers:
         place = numbers.index(used)
+        result = _format_result(results[place], objective)
         near = abs(results[place] - results[0]) <= (metric.margin or 0.0)
         lead.append(
-            f"The values in use, trial {used}, come in place {place + 1} with {_told(results[place], objective)}, "
+            f"The values in use, trial {used}, come in place {place + 1} with {result}, "
             f"{'within' if near else 'outside'} the margin of {metric.margin:g} {metric.unit} that would not matter."
         )
         rows = sorted({*rows, place})
@@ -122,14 +124,16 @@ def markdown(table: pd.DataFrame, objective: str, used: int | None, keys: list[s
     cells = []
     for row in rows:
         trial = f"{numbers[row]} (in use)" if numbers[row] == used else str(numbers[row])
-        cells.append([str(row + 1), trial, number(results[row], 3), *(_shown(order[key].iloc[row]) for key in keys)])
-    return " ".join(lead) + "\n\n" + build.markdown_table(heads, cells)
+        cells.append(
+            [str(row + 1), trial, number(results[row], 3), *(_format_value(order[key].iloc[row]) for key in keys)]
+        )
+    return " ".join(lead) + "\n\n" + markdown_table(heads, cells)
 
 
-def _told(result: float, objective: str) -> str:
+def _format_result(result: float, objective: str) -> str:
     metric = METRICS[objective]
     return f"a {metric.name} of {number(result, 3)} {metric.unit}"
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)

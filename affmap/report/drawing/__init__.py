@@ -1,1 +1,1 @@
-"""Drawing functions: data and Axes in, Axes out."""
+"""Drawing functions: they take data and Axes and return the Axes."""

@@ -5,35 +5,34 @@ figures.
 """
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
-from matplotlib.patches import Ellipse, Patch, Rectangle
+from matplotlib.patches import Ellipse, Patch, Polygon, Rectangle
 
-from affmap.env.body import NUM_DEVIATIONS
 from affmap.env.effects import EFFECTS
 from affmap.env.geometry import CELL, reachable
 from affmap.env.layout import Layout
+from affmap.env.scene import LAYERS, Mark, Scene, circle_marks
 from affmap.model.palette import Palette
-from affmap.report.drawing.colors import PLAN_COLOR
-from affmap.results.files import Floats, Maps, Trajectories
-
-VEHICLE_COLOR, GOAL_COLOR = "#2ca02c", "#d62728"
+from affmap.results.files import Floats, Maps
 
 FEW = 50
-"""Positions; so few say more one by one than as a heat map."""
+"""Fewer positions than this are drawn one by one instead of as a heat map."""
 
 
 def paint(parts: Sequence[tuple[Maps, Layout]], radius: float, index: int) -> list[Floats]:
     """Colour maps of one member in a common basis, fitted to all of them: `[Y, X, 3]` each.
 
     Args:
-        parts: maps of the same models and the worlds they were painted of, or of the same world at several times.
+        parts: maps of the same models with their layouts, or of the same layout at several epochs.
         radius: of the vehicle, u.
-        index: which of the M members.
+        index: place of the member among the M.
     """
     codes = [arrays.codes[index] for arrays, _ in parts]  # [Y, X, C] each
     fit = [reachable(arrays.nodes, world, radius) for arrays, world in parts]
@@ -42,12 +41,12 @@ def paint(parts: Sequence[tuple[Maps, Layout]], radius: float, index: int) -> li
 
 
 def affordance_map(ax: Axes, colors: Floats, arrays: Maps, world: Layout) -> Axes:
-    """A painted map with the world's circles outlined.
+    """Draw a coloured map with the circles outlined.
 
     Args:
         ax: where to draw.
         colors: `[Y, X, 3]`, see `paint`.
-        arrays: the maps it was painted from, for their nodes.
+        arrays: the maps that were coloured, for their nodes.
         world: the layout.
     """
     half_x, half_y = (arrays.x[1] - arrays.x[0]) / 2, (arrays.y[1] - arrays.y[0]) / 2
@@ -67,26 +66,46 @@ def arena(ax: Axes, world: Layout) -> Axes:
     return ax
 
 
-def circles(ax: Axes, world: Layout) -> Axes:
-    """Fill the world's circles by their effect; an arrow says where a force field pulls."""
-    for name, effect in EFFECTS.items():
-        for circle in (circle for circle in world.circles if circle.effect == name):
-            center = (circle.x, circle.y)
-            alpha = 0.5 if effect.pull else 0.85  # fields may overlap anything
-            ax.add_patch(Disc(center, circle.radius, fc=effect.color, ec="none", zorder=1, alpha=alpha))
-            if effect.pull:
-                ax.add_patch(Disc(center, circle.radius, fill=False, ec=effect.color, lw=1.2, zorder=2))
-            if name == "none":
-                ax.add_patch(Disc(center, circle.radius, fill=False, ec="0.6", lw=0.7, ls=":", zorder=1))
-            if effect.pull:
-                reach_x, reach_y = (0.6 * circle.radius * part for part in effect.pull)
-                tail, head = (circle.x - reach_x, circle.y - reach_y), (circle.x + reach_x, circle.y + reach_y)
-                ax.annotate("", head, tail, arrowprops={"arrowstyle": "->", "color": "0.35", "lw": 0.7}, zorder=2)
-    return ax
+def scene(ax: Axes, moment: Scene) -> Axes:
+    """Draw a moment of a flight, in the framed arena."""
+    paint_marks(ax, moment.marks())
+    return arena(ax, moment.layout)
+
+
+def paint_marks(ax: Axes, marks: Iterable[Mark]) -> None:
+    """Draw shapes from the lowest to the highest."""
+    for layer, points, radii in marks:
+        look: dict[str, Any] = {"alpha": layer.opacity, "lw": layer.width, "color": layer.color, "zorder": 2}
+        if radii is None and layer.width:
+            ax.plot(*points.T, **look)
+            continue
+        shape = Polygon(points) if radii is None else Ellipse(points[0], *(2 * radii))
+        shape.set(fill=not layer.width, **look)
+        ax.add_patch(shape)
+
+
+SIGNS: dict[str, dict[str, Any]] = {
+    "line": {"ls": "-"},
+    "disc": {"marker": "o"},
+    "ring": {"marker": "o", "mfc": "none", "mew": 0.6},
+    "cross": {"marker": "x", "mew": 2.0},
+    "square": {"marker": "s"},
+}
+
+
+def handles(scenes: Sequence[Scene]) -> list[Line2D | Patch]:
+    """Legend entries for everything in `scenes`."""
+    layers = {mark.layer for scene in scenes for mark in scene.marks() if mark.layer.label}
+    signs = [
+        Line2D([], [], **{"ls": "", "color": layer.color, "label": layer.label, **SIGNS[layer.sign]})
+        for layer in reversed(LAYERS.values())
+        if layer in layers
+    ]
+    return signs + effect_handles(scene.layout for scene in scenes)
 
 
 def effect_handles(worlds: Iterable[Layout]) -> list[Patch]:
-    """Legend entries for the effects that occur in `worlds`; none where there are obstacles only."""
+    """Legend entries for the effects in `worlds`; none for obstacles only."""
     present = {circle.effect for world in worlds for circle in world.circles}
     if present <= {"obstacle"}:
         return []
@@ -96,39 +115,41 @@ def effect_handles(worlds: Iterable[Layout]) -> list[Patch]:
 
 
 def world_map(ax: Axes, world: Layout, radius: float) -> Axes:
-    """The layout: circles, the four start squares, and the vehicle to scale in the middle of one of them."""
-    circles(ax, world)
+    """Draw a layout: circles, the four start squares, and the vehicle to scale in the middle of one of them."""
+    paint_marks(ax, circle_marks(world))
     near = world.start_margin
     far_x, far_y = (size - world.start_margin - world.start_side for size in world.size)
     for corner in ((near, near), (far_x, near), (near, far_y), (far_x, far_y)):
-        ax.add_patch(Rectangle(corner, world.start_side, world.start_side, fill=False, ec=GOAL_COLOR, ls="--", lw=1.0))
+        ax.add_patch(
+            Rectangle(corner, world.start_side, world.start_side, fill=False, ec=LAYERS["goal"].color, ls="--", lw=1.0)
+        )
     middle = near + world.start_side / 2
-    ax.add_patch(Disc((middle, middle), radius, color=VEHICLE_COLOR, lw=0, zorder=3))
+    ax.add_patch(Disc((middle, middle), radius, color=LAYERS["vehicle"].color, lw=0, zorder=3))
     return arena(ax, world)
 
 
 def visits(ax: Axes, counts: Floats, free: Floats, world: Layout) -> Axes:
-    """Visit counts of exploration on a logarithmic scale; free cells never visited are red, others white.
+    """Draw visit counts of exploration on a logarithmic scale; unvisited free cells are red, others white.
 
     Args:
         ax: where to draw.
         counts: `[Y, X]` recorded steps in each cell of 0.1 u.
-        free: `[Y, X]` can the vehicle's centre be at the cell's centre?
+        free: `[Y, X]`, whether the vehicle's centre can be at the cell's centre.
         world: the layout.
     """
     extent = (0.0, world.size[0], 0.0, world.size[1])
     unvisited = np.where((free > 0) & (counts == 0), 1.0, np.nan)
-    ax.imshow(unvisited, origin="lower", extent=extent, cmap=mpl.colors.ListedColormap([GOAL_COLOR]))
+    ax.imshow(unvisited, origin="lower", extent=extent, cmap=mpl.colors.ListedColormap([LAYERS["goal"].color]))
     norm = LogNorm(vmin=1, vmax=max(2, int(counts.max())))
-    shown = np.ma.masked_less(counts, 1)
-    image = ax.imshow(shown, origin="lower", extent=extent, norm=norm, cmap="viridis", interpolation="nearest")
+    visited = np.ma.masked_less(counts, 1)
+    image = ax.imshow(visited, origin="lower", extent=extent, norm=norm, cmap="viridis", interpolation="nearest")
     ax.figure.colorbar(image, ax=ax, label=f"visits per cell of {CELL} u (steps)", shrink=0.85)
     _outlines(ax, world)
     return arena(ax, world)
 
 
 def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:
-    """How many of the positions `[N, 2]` (u) lie in each cell of a world; few positions are drawn one by one."""
+    """Draw the number of positions `[N, 2]` (u) in each cell of a layout; few positions are drawn one by one."""
     _outlines(ax, world)
     if not len(positions):
         return arena(ax, world)
@@ -138,43 +159,11 @@ def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:
     bins = [np.linspace(0, side, round(side / CELL) + 1) for side in world.size]
     counts, _ = np.histogramdd(positions, bins=bins)  # [X, Y]
     extent = (0.0, world.size[0], 0.0, world.size[1])
-    shown = np.ma.masked_less(counts.T, 1)
-    image = ax.imshow(shown, origin="lower", extent=extent, cmap="viridis_r", vmin=1, interpolation="nearest")
+    occupied = np.ma.masked_less(counts.T, 1)
+    image = ax.imshow(occupied, origin="lower", extent=extent, cmap="viridis_r", vmin=1, interpolation="nearest")
     bar = ax.figure.colorbar(image, ax=ax, shrink=0.6, label="runs")
     bar.locator = mpl.ticker.MaxNLocator(nbins=4, integer=True)
     bar.update_ticks()
-    return arena(ax, world)
-
-
-def trajectory(ax: Axes, paths: Trajectories, index: int, step: int, world: Layout, radius: float) -> Axes:
-    """One moment of one run: past path, planned path with its uncertainty, circles, vehicle and goal.
-
-    Args:
-        ax: where to draw.
-        paths: what control recorded.
-        index: which of its B runs.
-        step: the moment; the plan is the one made then.
-        world: the layout.
-        radius: of the vehicle, u.
-    """
-    circles(ax, world)
-    past = paths.position[index, : step + 1]  # [step + 1, 2]
-    plan = np.vstack([past[-1:], paths.planned_position[index, step]])  # [1 + H, 2]
-    deviation = paths.planned_std[index, step]  # [H, 2]
-    color = PLAN_COLOR
-    ax.plot(*past.T, color="black", lw=1.3, zorder=4, label="past path")
-    ax.plot(*past[0], "s", color="black", ms=4, ls="", zorder=4, label="start")
-    planned = bool(np.isfinite(plan).all())  # an agent without a model predicts nothing
-    if planned:
-        ax.plot(*plan.T, color=color, lw=1.3, ls="-", marker=".", ms=3, zorder=5, label="planned path")
-        for mean, (width, height) in zip(plan[1:], 2 * NUM_DEVIATIONS * deviation, strict=True):
-            ax.add_patch(Ellipse(mean, width, height, fill=False, ec=color, lw=0.5, alpha=0.4, zorder=3))
-    ax.add_patch(Disc(past[-1], radius, color=VEHICLE_COLOR, lw=0, zorder=6))
-    ax.plot(*paths.goal[index], "x", color=GOAL_COLOR, ms=7, mew=2.0, ls="", zorder=7, label="goal")
-    # Empty lines for the legend, where a patch would be a rectangle.
-    if planned:
-        ax.plot([], [], "o", mfc="none", mec=color, mew=0.6, label=f"uncertainty ({NUM_DEVIATIONS} sd)")
-    ax.plot([], [], "o", color=VEHICLE_COLOR, label="vehicle")
     return arena(ax, world)
 
 

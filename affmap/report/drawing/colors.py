@@ -13,36 +13,33 @@ from matplotlib.colors import to_hex
 from affmap.results.setting import CONTEXT_SIZE, PLANNERS, Factor, ReportSettings, Value
 from affmap.results.tables import Results
 
-GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol: told apart, in their order
-
-PLAN_COLOR = PLANNERS["cem"].color
-"""Of imagined paths."""
+GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol; distinguishable in this order
 
 
 class Groups(NamedTuple):
-    """The values that colours tell apart, with names and colours, and the factor on the x axis."""
+    """Values of the grouping variable, with names and colours, and the factor on the x axis."""
 
     column: str
-    """Of the runs."""
+    """Column of the grouping variable in the table of runs."""
     names: dict[Value, str]
     """Value -> its name for readers, in the order of the report."""
     palette: dict[str, str]
     """Name -> colour."""
     x: Factor = CONTEXT_SIZE
     x_names: Mapping[Value, str] = MappingProxyType({})
-    """Value on the x axis -> its name for readers, where it is a name."""
+    """Value on the x axis -> its name for readers; empty for numbers."""
 
     def of(self, table: pd.DataFrame) -> "pd.Series[str]":
-        """The names of the rows of `table`."""
+        """Group names of the rows of `table`."""
         return table[self.column].map(self.names)
 
     def x_of(self, table: pd.DataFrame) -> "pd.Series[Any]":
-        """The places of the rows of `table` on the x axis."""
+        """Positions of the rows of `table` on the x axis."""
         return table[self.x.column].map(self.x_names) if self.x_names else table[self.x.column]
 
 
 def make_groups(results: Results, settings: ReportSettings) -> Groups:
-    """The groups of a report's runs: the values of its second factor."""
+    """Groups of a report's runs, by the values of its second factor."""
     factor, values = results.color, results.color_values
     names = {value: name_of(factor, value, settings) for value in values}
     own = {kind: planner.color for kind, planner in PLANNERS.items()}
@@ -59,17 +56,17 @@ def x_names_of(results: Results, settings: ReportSettings) -> dict[Value, str]:
 
 
 def name_of(factor: Factor, value: Value, settings: ReportSettings) -> str:
-    """The name of a value for readers: that of the settings for planners and layouts, with its symbol for others."""
+    """Name of a value for readers: that of the settings for planners and layouts, else the value with its symbol."""
     return settings.names.get(str(value), factor.format(value))
 
 
 def readable(value: str, settings: ReportSettings) -> str:
-    """The name of a planner or a layout for readers."""
+    """Name of a planner or a layout for readers."""
     return settings.names.get(value, value.replace("_", " "))
 
 
 def x_colors(factor: Factor, values: Iterable[Value]) -> dict[Value, str]:
-    """Value on the x axis -> its colour where it is a curve: that of a context size is the same in every report."""
+    """Value on the x axis -> colour of its curve; context sizes have the same colours in every report."""
     values = list(values)
     if factor == CONTEXT_SIZE:
         return {value: context_color(int(value)) for value in values}
@@ -78,6 +75,6 @@ def x_colors(factor: Factor, values: Iterable[Value]) -> dict[Value, str]:
 
 
 def context_color(context_size: int) -> str:
-    """The colour of a context size, the same in every report."""
+    """Colour of a context size, the same in every report."""
     position = np.interp(context_size, [0, 1, 3, 5, 8, 16, 32], [0.0, 0.2, 0.4, 0.58, 0.75, 0.88, 1.0])
     return to_hex(mpl.colormaps["viridis"](position))

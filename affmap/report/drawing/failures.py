@@ -1,4 +1,4 @@
-"""Drawing functions for runs that fail: tables and Axes in, Axes out."""
+"""Drawing functions for runs that fail: they take tables and Axes and return the Axes."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +16,7 @@ REASON_COLORS = {"fog": EFFECTS["fog"].color, "stuck": "#333333", "other": "#CC6
 
 
 def reasons(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
-    """Share of the runs that failed for each reason, by context size or another factor.
+    """Draw the share of runs that failed for each reason, by context size or another factor.
 
     Args:
         ax: where to draw.
@@ -28,7 +28,7 @@ def reasons(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
 
 
 def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
-    """Share of the runs that never arrived, by the thing nearest to their end, and by context size or another factor.
+    """Draw the share of runs that never arrived, by the object nearest to their end and by a factor.
 
     Args:
         ax: where to draw.
@@ -41,12 +41,12 @@ def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
 
 
 def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
-    """Median prediction error of single steps over the number of circles that acted on the vehicle.
+    """Draw the median prediction error of single steps over the number of circles that acted on the vehicle.
 
     Args:
         ax: where to draw.
         steps: one row per step, see `failures.step_errors`.
-        x: the factor that curves tell apart.
+        x: the factor with one curve per value.
     """
     medians = steps.groupby([x.column, "acting"], sort=False)["prediction_error"].median().sort_index(level=1)
     if len(medians) and medians.isna().all():
@@ -65,7 +65,7 @@ def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes
 
 
 def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Factor = CONTEXT_SIZE) -> Axes:
-    """How far from fog runs ended that never arrived, a point each; dashed: the edge of fog.
+    """Draw the distance to fog at the end of runs that never arrived, one point each; dashed: the edge of fog.
 
     Args:
         ax: where to draw.
@@ -74,7 +74,7 @@ def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Fact
         x: that factor.
     """
     places = ends[x.column].map({value: place for place, value in enumerate(values)}).to_numpy(float)
-    # Points side by side, in a fixed order: runs that ended at about the same distance stay visible.
+    # Points side by side, in a fixed order, so that runs with similar distances stay visible.
     spread = 0.6 * ((np.arange(len(ends)) * 0.618) % 1 - 0.5)
     ax.axhline(0, color=EFFECTS["fog"].color, lw=1.2, ls="--", zorder=0)
     ax.plot(places + spread, ends["distance"], ls="", marker="o", ms=2.5, mew=0, color="0.2", alpha=0.6)
@@ -84,7 +84,7 @@ def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Fact
 
 
 def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str], x: Factor) -> Axes:
-    """Stacked bars of shares of runs, by the factor on the x axis (rows) and kind (columns)."""
+    """Draw stacked bars of shares of runs, by the factor on the x axis (rows) and kind (columns)."""
     bottom = np.zeros(len(table))
     for kind, name in names.items():
         heights = table[kind].to_numpy()

@@ -12,7 +12,7 @@ WIDTH = 7.0
 """Inches: the text width of the report's page, so that nothing is scaled and fonts keep their size."""
 
 DPI = 200
-"""Of the PNG files."""
+"""Resolution of the PNG files."""
 
 STYLE: Any = {
     "font.size": 8,
@@ -27,7 +27,7 @@ STYLE: Any = {
 }
 
 MAX_SVG = 1_500_000
-"""Bytes; a figure that would be larger as SVG has none, and the page shows its PNG: thousands of marks load slowly."""
+"""Largest SVG in bytes; the page shows the PNG of larger figures, because thousands of marks load slowly."""
 
 
 class Drawn(NamedTuple):
@@ -43,6 +43,7 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 
 def save(figure: Figure, path: Path, notice: str | None) -> None:
+    """Save a figure as PNG and PDF, below a notice if there is one; `path` has no ending."""
     if notice:
         lines = textwrap.wrap(notice, round(11 * figure.get_figwidth()))
         height = figure.get_figheight() + 0.16 * len(lines)

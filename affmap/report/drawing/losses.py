@@ -1,4 +1,4 @@
-"""Drawing functions for losses: tables and Axes in, Axes out."""
+"""Drawing functions for losses: they take tables and Axes and return the Axes."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -33,14 +33,14 @@ def learning_curves(
     names: Mapping[Value, str] = MappingProxyType({}),
     colors: Mapping[Value, str] | None = None,
 ) -> Axes:
-    """Validation NLL over epochs, a curve per value: mean over members, and their standard deviation as a shade.
+    """Draw the validation NLL over epochs, one curve per value: mean and standard deviation (shade) over members.
 
     Args:
         ax: where to draw.
         validation: one row per value, member and epoch.
         paper: see `Span`.
-        factor: which values curves tell apart.
-        names: of the values, for readers, where they have any.
+        factor: the factor with one curve per value.
+        names: of the values, for readers.
         colors: of the values; by default those of an axis.
     """
     mark(ax, paper)
@@ -72,7 +72,7 @@ def learning_curves(
 
 
 def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
-    """End the axis where curves with a context do, if one without rises far above them; say where that one ends."""
+    """Fit the axis to the curves with a context if the one without rises far above them, and label that one."""
     losses = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="mean")
     spread = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="std")
     sizes = [size for size in sorted(validation["context_size"].unique()) if size > 0]
@@ -98,9 +98,9 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
 
 
 def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTEXT_SIZE) -> Axes:
-    """Losses of one kind of step: medians and means over steps, over the factor that tells trainings apart.
+    """Draw losses of one kind of step: medians and means over steps, by the factor that distinguishes trainings.
 
-    Points are medians over members, lines their quartiles. Very large losses have a logarithmic axis.
+    Points are medians over members, lines their quartiles. The axis is logarithmic for very large losses.
 
     Args:
         ax: where to draw.
@@ -108,31 +108,31 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
         kind: one of the kinds of step.
         factor: on the x axis.
     """
-    chosen = steps[steps["kind"] == kind]
+    of_kind = steps[steps["kind"] == kind]
     values = list(dict.fromkeys(steps[factor.column]))
     for column, marker, face in (("median", "o", "0.15"), ("mean", "D", "white")):
-        found = chosen.groupby(factor.column)[column].describe().reindex(values)
-        low, middle, high = (found[quartile].to_numpy() for quartile in ("25%", "50%", "75%"))
+        summary = of_kind.groupby(factor.column)[column].describe().reindex(values)
+        low, middle, high = (summary[quartile].to_numpy() for quartile in ("25%", "50%", "75%"))
         place = np.arange(len(values)) + (0.12 if column == "mean" else -0.12)
         ax.vlines(place, low, high, color="0.15", lw=0.9)
         ax.plot(place, middle, ls="", ms=4, color="0.15", label=f"{column} step", marker=marker, mfc=face)
     name_places(ax, values)
     ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
-    if chosen["mean"].max() > HUGE:
+    if of_kind["mean"].max() > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.margins(y=0.1)
-        if chosen[["median", "mean"]].to_numpy(float).min() >= 0:
+        if of_kind[["median", "mean"]].to_numpy(float).min() >= 0:
             ax.set_ylim(bottom=0)
     return ax
 
 
 def contributions(ax: Axes, steps: pd.DataFrame, kinds: Sequence[str]) -> Axes:
-    """How much kinds of step add to the mean loss over the epochs, medians over members.
+    """Draw the contribution of each kind of step to the mean loss over epochs, medians over members.
 
     Args:
         ax: where to draw.
         steps: one row per member, epoch, world and kind, of one training.
-        kinds: to draw, in their order.
+        kinds: the kinds to draw, in this order.
     """
     total = steps.groupby(["member", "epoch"])["steps"].sum()
     sums = (steps["steps"] * steps["mean"]).groupby([steps["member"], steps["epoch"], steps["kind"]]).sum()

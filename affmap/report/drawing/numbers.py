@@ -1,4 +1,4 @@
-"""Drawing functions for numbers of control: tables and Axes in, Axes out.
+"""Drawing functions for numbers of control: they take tables and Axes and return the Axes.
 
 They know colours and labels, and neither files nor figures.
 """
@@ -24,19 +24,19 @@ from affmap.results.scores import center
 from affmap.results.setting import LAYOUT, PLANNER
 
 HUGE, LINEAR = 300, 20
-"""nats; where boxes of errors reach beyond the first, the axis is linear up to the second only."""
+"""Boxes of errors beyond the first value (nats) get an axis that is linear up to the second and then logarithmic."""
 
 
 LINE_STYLES = ((0, (5, 1.5)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (7, 3)))
-"""Of the lines of agents without a learned model, in their order."""
+"""Line styles of agents without a learned model, in their order."""
 
 
 FAR = 0.15
-"""A line this much above a panel, in its heights, is not drawn."""
+"""Lines this far above a panel, as a share of its height, are not drawn."""
 
 
 LEGEND_WIDTH, TITLE_HEIGHT = 48, 0.2
-"""Characters in a line of a legend above a panel, and inches that the panel's title takes."""
+"""Characters in a line of a legend above a panel, and height of the panel's title in inches."""
 
 
 Span = tuple[float, float] | None
@@ -44,16 +44,16 @@ Span = tuple[float, float] | None
 
 
 def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span = None) -> Axes:
-    """Box plots of a metric of control by context size, or another factor, as the paper draws them.
+    """Draw box plots of a metric of control by context size or another factor, as in the paper.
 
-    Boxes are quartiles, whiskers end at the last point within 1.5 interquartile ranges, points beyond are not drawn.
-    Errors that reach far beyond the others have a logarithmic axis.
+    Boxes are quartiles, whiskers extend to the last point within 1.5 interquartile ranges, outliers are not drawn.
+    The axis is logarithmic if errors reach far beyond the others.
 
     Args:
         ax: where to draw.
         runs: one row per run.
         metric: a column of `runs`.
-        groups: what colours tell apart.
+        groups: the groups shown by colour.
         paper: see `Span`.
     """
     if runs[metric].isna().all():  # seaborn needs a number
@@ -74,9 +74,9 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
             ax=ax,
         )
     ax.set(xlabel=groups.x.label, ylabel=METRICS[metric].label)
-    if runs[metric].min() >= 0:  # a length or a count: let its zero be seen
+    if runs[metric].min() >= 0:  # a length or a count: show its zero
         ax.set_ylim(bottom=0)
-    elif ax.get_ylim()[1] > HUGE:  # a model that is surprised by all it meets: let the others be seen, too
+    elif ax.get_ylim()[1] > HUGE:  # large errors of one model: keep the others visible
         low = min([ax.dataLim.y0, *(paper or ())])
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.set_ylim(bottom=1.1 * low)
@@ -87,16 +87,16 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
 def bars(
     ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span = None, intervals: bool = False
 ) -> Axes:
-    """Mean over members of their shares of runs, as the paper draws them.
+    """Draw the mean over members of their shares of runs, as in the paper.
 
     Args:
         ax: where to draw.
         runs: one row per run.
         metric: a column of truth values of `runs`.
-        groups: what colours tell apart.
+        groups: the groups shown by colour.
         paper: see `Span`.
-        intervals: black lines are 95 % bootstrap intervals, where there are enough members; else standard deviations
-            over members.
+        intervals: whether black lines are 95 % bootstrap intervals (with enough members) instead of standard
+            deviations over members.
     """
     mark(ax, paper)
     keys = [groups.column, groups.x.column, "member"]
@@ -119,18 +119,18 @@ def bars(
 
 
 def baselines(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups) -> list[Artist]:
-    """Lines for agents without a learned model: the middle of their runs, as the boxes or bars beside them have it.
+    """Draw lines for agents without a learned model at the median or mean of their runs, as the boxes or bars do.
 
-    A line far above the others would make these small; its number is written at the top instead.
+    A line far above the others would squash these; its value is written at the top instead.
 
     Args:
         ax: a panel with boxes or bars of the same metric.
         runs: one row per run (`Results.baseline_runs`).
         metric: a column of `runs`.
-        groups: what colours tell apart; where these are layouts, so do the lines.
+        groups: the groups shown by colour; if these are layouts, lines have their colours, too.
 
     Returns:
-        A line for each agent, with its name, for a legend.
+        A labelled line for each agent, for a legend.
     """
     handles: dict[str, Artist] = {}
     by_layout = groups.column == LAYOUT.column
@@ -177,13 +177,14 @@ def name_places(ax: Axes, values: Sequence[Any]) -> None:
 
 
 def unpredicted(ax: Axes, name: str) -> Axes:
-    """Say that a panel is empty because the agents predict nothing."""
+    """Label a panel as empty because the agents predict nothing."""
     ax.text(0.5, 0.5, f"no {name}:\nnothing was predicted", ha="center", va="center", transform=ax.transAxes)
     ax.set(xticks=[], yticks=[])
     return ax
 
 
 def mark(ax: Axes, paper: Span) -> None:
+    """Mark the ticks of the paper's axis by dotted lines."""
     for tick in paper or ():
         ax.axhline(tick, color="0.6", lw=0.8, ls=":", zorder=0)
 
@@ -206,7 +207,7 @@ def _interval(shares: "pd.Series[float]") -> tuple[float, float]:
 
 
 def _by_group(table: pd.DataFrame, groups: Groups) -> dict[str, Any]:
-    """Seaborn's arguments that tell the groups of `table` apart, in the names that readers know."""
-    shown = groups.of(table)
-    names = [name for name in groups.names.values() if name in set(shown)]
-    return {"hue": shown, "hue_order": names, "palette": groups.palette, "saturation": 1.0}
+    """Seaborn's arguments for the groups of `table`, with their names for readers."""
+    hue = groups.of(table)
+    names = [name for name in groups.names.values() if name in set(hue)]
+    return {"hue": hue, "hue_order": names, "palette": groups.palette, "saturation": 1.0}

@@ -4,7 +4,7 @@ for (const root of document.querySelectorAll(".explorer")) {
   const data = JSON.parse(root.querySelector("script").textContent);
   const part = (name) => root.querySelector(`.${name}`);
   const canvas = part("arena");
-  const picture = new Picture(canvas, data.effects);
+  const picture = new Picture(canvas);
   const painted = new Image();
   let map, codes;
   let node = null; // column and row
@@ -44,10 +44,10 @@ for (const root of document.querySelectorAll(".explorer")) {
     context.scale(1, -1); // pictures go downwards
     if (painted.complete) context.drawImage(painted, left, -high, right - left, high - low);
     context.restore();
-    for (const [x, y, radius] of world.circles) picture.ring(x, y, radius, radius, "black", 1);
-    const [x, y] = position(node);
-    picture.ring(x, y, 0.03, 0.03, "white", 4);
-    picture.ring(x, y, 0.03, 0.03, "black", 1.8);
+    const ring = (color, width, points, radii) => picture.mark({ layer: { color, width, opacity: 1 }, points, radii });
+    for (const { points, radii } of world.circles) if (radii) ring("black", 0.8, points, radii);
+    ring("white", 3.3, [position(node)], [0.03, 0.03]);
+    ring("black", 1.5, [position(node)], [0.03, 0.03]);
   }
 
   function follow(event) {

@@ -1,4 +1,4 @@
-"""Where the data sets have been."""
+"""Coverage of the arena by the data sets."""
 
 from affmap.env.layout import Layout
 from affmap.report.drawing import arena
@@ -29,15 +29,15 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     total = sum(int(counts.sum()) for counts, _, _, _ in parts)
     return Drawn(
         figure,
-        f"Where the data have been, validation included: {total} recorded positions in total. Of the cells whose "
-        f"centre is free, {listed(covered)} were visited; free cells without a visit are red.",
+        f"Coverage of the arena by the data for training and validation, {total} recorded positions in total. Share of "
+        f"the free cells that were visited: {listed(covered)}; unvisited free cells are red.",
     )
 
 
 def explored(results: Results) -> list[tuple[Floats, Floats, float, Layout]]:
-    """Counts, free cells, coverage and world of every training world of every data set."""
+    """Counts, free cells, coverage and layout for every training world of every data set."""
     parts: list[tuple[Floats, Floats, float, Layout]] = []
     for job in first_settings(results.settings, "data"):
         data = results.exploration(job)
-        parts += zip(data.counts, data.free, data.coverage, results.training_worlds(job), strict=True)
+        parts += zip(data.counts, data.free, data.coverage, results.training_layouts(job), strict=True)
     return parts

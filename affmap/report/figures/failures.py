@@ -1,4 +1,4 @@
-"""Why runs fail, and where: a row of panels for each planner or layout."""
+"""Reasons and places of failed runs: a row of panels for each planner or layout."""
 
 from matplotlib.artist import Artist
 
@@ -15,7 +15,7 @@ from affmap.results.tables import Results
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn | None:
-    """Draw and caption the figure; None where runs can fail for one reason only."""
+    """Draw and caption the figure; None if runs can fail for one reason only."""
     if not failures.are_of_interest(results):
         return None
     runs = failures.with_reasons(results)
@@ -29,13 +29,13 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         same = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
         row = results.where({key: each for key, each in same.items() if key != results.x.key})
         row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
-        flown = results.worlds(row[0])
+        layout = results.run_layouts(row[0])[0]
         bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
-        if len(set(flown)) == 1:
-            found = failures.places(results, row)
-            arena.heat(middle, found.fog, flown[0]).set_title(f"fog first entered ({len(found.fog)})", loc="left")
-            arena.heat(right, found.ended, flown[0]).set_title(f"never arrived: ends ({len(found.ended)})", loc="left")
-        else:  # a place in the arena says nothing where every run has a world of its own
+        if not results.has_own_layouts(row[0]):
+            places = failures.places(results, row)
+            arena.heat(middle, places.fog, layout).set_title(f"fog first entered ({len(places.fog)})", loc="left")
+            arena.heat(right, places.ended, layout).set_title(f"never arrived: ends ({len(places.ended)})", loc="left")
+        else:  # positions cannot be pooled if every run has its own world
             things = failures.with_nearest(results, row)
             panels.nearest(middle, things, results.x).set_title("never arrived: nearest", loc="left")
             steps = failures.step_errors(results, row)
@@ -52,25 +52,25 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
 
 def _caption(results: Results, settings: ReportSettings) -> str:
     contexts = "above 0" if max(results.context_sizes) > 0 else "0"
-    if any(len(set(results.worlds(job))) > 1 for job in results.settings):
+    if results.has_own_layouts():
         others = (
-            "Second: of the runs that never arrived, whether they were in fog or not, what the vehicle was nearest to "
-            "at its end, or deepest inside of. Third: median prediction error of single steps, by the number of "
-            "circles that acted on the vehicle (training has no place with more than one); steps in fog are left "
-            "out, because there the reported positions are noise."
+            "Second: runs that never arrived, in fog or not, by the object that the vehicle was nearest to, or deepest "
+            "inside, at the end. Third: median prediction error of single steps, by the number of circles acting on "
+            "the vehicle (never more than one in training); steps in fog are excluded, because positions reported "
+            "there are noisy."
         )
     else:
         others = (
-            f"Second and third: where runs with a context size {contexts} first entered fog, and where those that "
-            "never arrived were at their end (their numbers in brackets; a run may be in both), in runs per cell of "
-            f"{CELL} u where there are many."
+            f"Second and third: where runs with a context size {contexts} first entered fog, and where runs that "
+            "never arrived ended (numbers of runs in brackets; a run may be in both), as points or, if there are many, "
+            f"as runs per cell of {CELL} u."
         )
     if any(failures.has_fog(results, job) for job in results.settings):
-        others += " Last: how far from fog runs that never arrived were at their end (u; dashed: its edge)."
+        others += " Last: distance to fog at the end of runs that never arrived (u; dashed: edge of fog)."
     names = make_groups(results, settings).names.values()
     some = f" Rows: {listed(list(names)[:MAX_ROWS])} only." if len(names) > MAX_ROWS else ""
     return (
-        "Left: share of the runs that failed, by reason. A run that was in fog counts as such, whether it arrived or "
-        f"not; stuck: in its last quarter a run stays within a vehicle's diameter of its mean place. {others}{some} "
-        "The paper does not report these."
+        "Left: share of failed runs, by reason. A run that entered fog counts as such, whether or not it arrived; "
+        "stuck: in the last quarter of the run the vehicle stays within one diameter of its mean position. "
+        f"{others}{some} The paper does not report these results."
     )

@@ -1,4 +1,4 @@
-"""The map of one member after several epochs of a longer training, in one basis."""
+"""Affordance map of one member in the course of a longer training, in a common basis."""
 
 from affmap.report.drawing import arena
 from affmap.report.drawing.files import Drawn, new_figure
@@ -8,10 +8,10 @@ from affmap.results.tables import Results
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn | None:
-    """Draw and caption the figure; None where there is no such training."""
+    """Draw and caption the figure; None without such a training."""
     if results.growth is None or results.growth_maps is None or not results.growth_maps.snapshots:
         return None
-    world = results.map_world(results.growth)
+    world = results.map_layout(results.growth)
     snapshots = results.growth_maps.snapshots
     radius = results.vehicle_radius(results.growth)
     colors = arena.paint([(arrays, world) for arrays in snapshots.values()], radius, 0)
@@ -26,6 +26,6 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         ax.set_axis_off()
     return Drawn(
         figure,
-        "The affordance map of one member after different numbers of epochs of a longer training, in one basis: "
-        f"colours can be compared between the panels. {COLORS}",
+        "Affordance map of one member in the course of a longer training, in a common basis: colours are comparable "
+        f"across panels. {COLORS}",
     )

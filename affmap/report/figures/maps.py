@@ -6,30 +6,30 @@ from matplotlib.figure import Figure
 
 from affmap.report.drawing import arena
 from affmap.report.drawing.files import Drawn, new_figure
-from affmap.report.painted import Painted, first_settings, map_size, of_part, paint, painted, read_painted
+from affmap.report.painted import Painted, first_settings, map_size, maps_of_size, of_part, paint, read_painted
 from affmap.results.examples import MAX_ROWS
 from affmap.results.files import Floats
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
 
 NUM_MEMBERS = 6
-"""How many members' maps are shown side by side; half as many where there are several worlds."""
+"""Members whose maps are drawn side by side; half as many with several worlds."""
 
 
 COLORS = (
-    "Channels are principal components, fitted to the positions that the vehicle can reach; constant ones are a "
-    "neutral grey, so a context size of 1 or 2 uses fewer colours. What differs little may be invisible in three "
-    "components."
+    "Red, green and blue are the first three principal components of the codes at reachable positions; constant or "
+    "missing components are a neutral grey, so context sizes 1 and 2 use fewer colours. Small differences may be "
+    "invisible in three components."
 )
-"""What the colours of a map mean."""
+"""Meaning of the colours of a map, for captions."""
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn | None:
-    """Draw and caption the figure; None where models have no context codes."""
+    """Draw and caption the figure; None if models have no context codes."""
     size = map_size(results)
     if size is None:
         return None
-    parts = painted(results, size)[:MAX_ROWS]
+    parts = maps_of_size(results, size)[:MAX_ROWS]
     count = NUM_MEMBERS if len(parts) == 1 else NUM_MEMBERS // 2
     members = parts[0].maps.member[:count]
     tables = [paint(parts, index) for index in range(len(members))]  # [member][part]
@@ -54,28 +54,28 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
 
 def _map_blocks(blocks: list[tuple[str, int, list[tuple[str, Floats, Painted]]]]) -> Figure:
     """Titled blocks of maps below each other: title, number of columns, and named maps."""
-    rows = [-(-len(shown) // columns) for _, columns, shown in blocks]
+    rows = [-(-len(maps) // columns) for _, columns, maps in blocks]
     heights = [0.55 + 4.95 / columns * num_rows for (_, columns, _), num_rows in zip(blocks, rows, strict=True)]
     figure = new_figure(sum(heights))
     subfigures = figure.subfigures(len(blocks), 1, height_ratios=heights, squeeze=False).ravel()
-    for part, (title, columns, shown), num_rows in zip(subfigures, blocks, rows, strict=True):
+    for part, (title, columns, maps), num_rows in zip(subfigures, blocks, rows, strict=True):
         part.suptitle(title, x=0.01, ha="left", fontsize=9)
         grid = part.subplots(num_rows, columns, sharex=True, sharey=True, squeeze=False)
-        for ax, (name, colors, of) in zip(grid.flat, shown, strict=False):
+        for ax, (name, colors, of) in zip(grid.flat, maps, strict=False):
             arena.affordance_map(ax, colors, of.maps, of.world).set_title(name, loc="left")
             ax.label_outer()
-        for ax in grid.ravel()[len(shown) :]:
+        for ax in grid.ravel()[len(maps) :]:
             ax.set_axis_off()
     return figure
 
 
 def _caption(results: Results, parts: Sequence[Painted], size: int) -> str:
     trainings = len({part.setting.train for part in parts})
-    basis = "Every map has its own colours: they can be compared within a map, not between maps"
+    basis = "Colours are comparable within a map, not across maps"
     if trainings < len(parts):
-        basis = "Maps of one member in several worlds share their colours; others cannot be compared"
+        basis = "Maps of one member in several worlds share their colours; other maps are not comparable"
     each = f", and of one member at each {results.x.label}" if results.x == CONTEXT_SIZE or len(parts) > 1 else ""
     return (
         f"Affordance maps of several members at context size {size}{each}. {basis}, "
-        f"because codes of different members and sizes mean different things. {COLORS}"
+        f"because codes of different members and context sizes are unrelated. {COLORS}"
     )

@@ -1,4 +1,4 @@
-"""How runs ended: arrivals, contact, and the distance where success is measured otherwise."""
+"""Outcomes of runs: arrivals, contact, and the distance if success is measured otherwise."""
 
 from affmap.report.drawing import numbers
 from affmap.report.drawing.colors import make_groups, name_of
@@ -9,7 +9,7 @@ from affmap.results.tables import Results
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn:
-    """Draw and caption the figure; the paper does not show this."""
+    """Draw and caption the figure, which the paper does not have."""
     groups = make_groups(results, settings)
     more = _metrics(settings)
     figure = new_figure(2.6 * -(-(2 + len(more)) // 3))
@@ -20,15 +20,15 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
         numbers.boxes(ax, results.runs, metric, groups).set_title(letter, loc="left")
     for ax in others[len(more) :]:
         ax.set_axis_off()
-    shown = {"reached": share, "steps_touching": touching, **dict(zip(more, others, strict=False))}
-    numbers.baseline_lines(figure, shown, results.baseline_runs, groups)
+    panels = {"reached": share, "steps_touching": touching, **dict(zip(more, others, strict=False))}
+    numbers.baseline_lines(figure, panels, results.baseline_runs, groups)
     return Drawn(figure, _caption(results, settings))
 
 
 def _metrics(settings: ReportSettings) -> list[str]:
-    """The metrics beside arrivals and contact.
+    """Further metrics beside arrivals and contact.
 
-    The distance where success is measured otherwise, and those that reports show in addition.
+    The distance if success is measured otherwise, and all metrics that reports show in addition.
     """
     return [*(["mean_distance"] if settings.outcome != "mean_distance" else []), *extra_metrics()]
 
@@ -45,7 +45,7 @@ def _caption(results: Results, settings: ReportSettings) -> str:
     letters = zip("CDEFGHIJKLMNOPQRSTUVWXYZ", _metrics(settings), strict=False)
     more = "".join(f" ({letter}) {METRICS[metric].label.capitalize()}." for letter, metric in letters)
     return (
-        "(A) Share of runs that reached the goal, whatever they touched, with 95 % bootstrap intervals over members: "
-        f"{'; '.join(parts)}. (B) Steps of a run in which the vehicle touched an obstacle or a border.{more} The paper "
-        "does not report these."
+        "(A) Share of runs that reached the goal, regardless of contact, with 95 % bootstrap intervals over members: "
+        f"{'; '.join(parts)}. (B) Number of steps per run in contact with an obstacle or a border.{more} The paper "
+        "does not report these results."
     )

@@ -9,21 +9,21 @@ from matplotlib.gridspec import SubplotSpec
 from affmap.report.drawing import arena, losses, numbers
 from affmap.report.drawing.colors import make_groups, name_of, readable, x_names_of
 from affmap.report.drawing.files import Drawn, new_figure
-from affmap.report.painted import Painted, map_size, paint, painted, several_worlds
+from affmap.report.painted import Painted, map_size, maps_of_size, paint, several_worlds
 from affmap.results.numbers import listed, span
 from affmap.results.setting import LAYOUT, PLANNERS, ReportSettings, short_name
 from affmap.results.tables import Results
 
 BOXES = (
-    "Boxes: median and quartiles; whiskers end at the last point within 1.5 interquartile ranges, points beyond are "
-    "not drawn."
+    "Boxes: median and quartiles; whiskers extend to the last point within 1.5 interquartile ranges; outliers are not "
+    "drawn."
 )
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn:
     """Draw and caption the figure.
 
-    Where the same models are shown in several worlds, maps of new worlds take the places of both.
+    If the report has maps of the same models in several worlds, maps of new worlds replace curves and map.
     """
     figure = new_figure(5.2)
     grid = figure.add_gridspec(2, 2)
@@ -50,26 +50,26 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
 
 
 def _map(ax: Axes, results: Results) -> None:
-    """The map of the last layout: the one that an experiment is about."""
+    """Draw the map of the last layout, the one that an experiment is about."""
     size = map_size(results)
     if size is None:
         ax.set_title("B  Affordance map", loc="left")
         ax.text(0.5, 0.5, "no context size above 0 was run", ha="center", va="center", transform=ax.transAxes)
         ax.set_axis_off()
         return
-    part = painted(results, size)[-1]
+    part = maps_of_size(results, size)[-1]
     arena.affordance_map(ax, paint([part], 0)[0], part.maps, part.world)
     ax.set_title(f"B  Affordance map (C = {size}, member {part.maps.member[0]})", loc="left")
 
 
 def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportSettings) -> None:
-    """Learning curves, side by side where models were trained for each layout, or value that colours tell apart."""
+    """Draw learning curves, side by side if models were trained for each layout or each value shown by colour."""
     paper = settings.axes.get("validation_nll")
     column = results.color.column if results.color.column in results.trainings else LAYOUT.column
     factor = results.training_factor
     names = x_names_of(results, settings) if factor == results.x and isinstance(results.x_values[0], str) else {}
     alone = column == results.color.column and results.validation[factor.column].nunique() == 1
-    if column == factor.column or (alone and results.color != LAYOUT):  # a panel for each curve would say no more
+    if column == factor.column or (alone and results.color != LAYOUT):  # one panel per curve would add nothing
         groups, factor = make_groups(results, settings), results.color if alone else factor
         colors = {value: groups.palette[name] for value, name in groups.names.items()} if alone else None
         ax = losses.learning_curves(
@@ -107,18 +107,18 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
     if worlds:
         names = listed([readable(part.world.name, settings) for part in worlds])
         parts.append(
-            f"(A, B) Affordance maps of member {member} at C = {size} in the worlds {names}, in one basis: equal "
-            "colours are equal codes. The models are the same in all worlds."
+            f"(A, B) Affordance maps of member {member} at C = {size} in the worlds {names}, in a common basis: "
+            "equal colours mean equal codes. The models are the same in all worlds."
         )
     else:
         members = results.last_epoch["member"].nunique()
         parts.append(
-            f"(A) Validation loss: mean and standard deviation (shade) over {members} members; where the axis cuts off "
-            "a curve, it says so."
+            f"(A) Validation loss: mean and standard deviation (shade) over {members} members; curves that "
+            "leave the axis are labelled."
         )
         code = "(B) The largest context size is 0, so there is no map."
         if size:
-            part = painted(results, size)[-1]
+            part = maps_of_size(results, size)[-1]
             world = readable(part.world.name, settings)
             code = (
                 f"(B) Affordance map of member {member} at C = {size} in the world “{world}”: the context code at each "
@@ -128,20 +128,20 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
     parts.append(f"(C) Prediction error in control, {_per_box(results, settings)} runs a box. {BOXES}")
     if settings.outcome == "success":
         parts.append(
-            "(D) Share of successful runs, which reach the goal and are never in fog: mean over members, black lines: "
-            "standard deviation over members."
+            "(D) Share of successful runs, which reach the goal and never enter fog: mean and standard deviation "
+            "(black lines) over members."
         )
     else:
         parts.append("(D) Mean distance to the goal in control.")
     if results.baselines:
         parts.append(
-            "Dashed and dotted lines: agents without a learned model in the same runs; the oracle has true physics."
+            "Dashed and dotted lines: agents without a learned model on the same runs; the oracle has true physics."
         )
     if len(results.planners) > 1:
         methods = [f"{short_name(kind)}: {PLANNERS[kind].method}" for kind in results.planners if kind in PLANNERS]
         parts.append(f"{', '.join(methods)}." if methods else "")
     if settings.axes:
-        parts.append("Grey dotted lines: lowest and highest tick of the paper's axis, where it is in view.")
+        parts.append("Grey dotted lines: lowest and highest tick of the paper's axis, if in view.")
     return " ".join(filter(None, parts))
 
 

@@ -6,43 +6,44 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from affmap.env.body import NUM_DEVIATIONS
+from affmap.env.scene import NUM_DEVIATIONS
 from affmap.report.drawing import arena
 from affmap.report.drawing.colors import name_of
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results import examples, failures
-from affmap.results.numbers import number
+from affmap.results.numbers import counted, number
 from affmap.results.setting import LAYOUT, PLANNER, PLANNERS, ReportSettings, Value
 from affmap.results.tables import Results
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn:
     """Draw and caption the figure."""
-    chosen = examples.rows(results)
-    rows = [examples.choose_examples(results, row) for row in chosen]
-    columns = max(map(len, rows))
+    rows = examples.rows(results)
+    moments = [examples.choose_examples(results, row) for row in rows]
+    columns = max(map(len, moments))
     figure = new_figure(0.7 + (2.55 if columns == 2 or len(rows) > 2 else 4.2) * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
-    flown = []
-    for axes, shown, row in zip(grid, rows, chosen, strict=True):
-        for ax in axes[len(shown) :]:
+    scenes = []
+    for axes, row_moments, row in zip(grid, moments, rows, strict=True):
+        for ax in axes[len(row_moments) :]:
             ax.set_axis_off()
-        for ax, example in zip(axes, shown, strict=False):
-            flown.append(results.worlds(example.setting)[example.problem])
-            radius = results.vehicle_radius(example.setting)
-            arena.trajectory(ax, example.paths, example.problem, example.step, flown[-1], radius)
+        for ax, example in zip(axes, row_moments, strict=False):
+            place = results.run_layouts(example.setting)[example.problem], results.vehicle_radius(example.setting)
+            # Without throttles, whose jets are too small in print.
+            scenes.append(example.paths.scene(example.problem, example.step, *place)._replace(action=None))
+            arena.scene(ax, scenes[-1])
             where = f"{_row_name(results, row, settings)}, " if len(rows) > 1 else ""
             value = example.setting.values[results.x.key]
-            place = name_of(results.x, value, settings) if isinstance(value, str) else f"{results.x.label} {value}"
-            ax.set_title(f"{where}{place}, step {example.step}", loc="left")
-    handles = grid[0, 0].get_legend_handles_labels()[0] + arena.effect_handles(flown)
+            name = name_of(results.x, value, settings) if isinstance(value, str) else f"{results.x.label} {value}"
+            ax.set_title(f"{where}{name}, step {example.step}", loc="left")
+    handles = arena.handles(scenes)
     columns = len(handles) if len(handles) <= 6 else -(-len(handles) // 2)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return Drawn(figure, _caption(results, settings))
 
 
 def _row_name(results: Results, row: Mapping[str, Value], settings: ReportSettings) -> str:
-    """The name of a row of pictures: of its layout, or of the value that colours tell apart."""
+    """Name of a row of pictures: that of its layout, or of the value shown by colour."""
     factor = LAYOUT if results.color == PLANNER else results.color
     return name_of(factor, row[factor.key], settings)
 
@@ -62,26 +63,26 @@ def _caption(results: Results, settings: ReportSettings) -> str:
             in_fog = f", is in fog in {run['steps_in_fog']}" if fog else ""
             stories.append(
                 f"{where}{value} (member {example.member}, run {example.run}): touches a "
-                f"surface in {run['steps_touching']} steps{in_fog}, {end}, mean distance "
+                f"surface in {counted(run['steps_touching'], 'step')}{in_fog}, {end}, mean distance "
                 f"{number(run['mean_distance'])} u"
             )
-    noise = " Inside fog a plan starts at the noisy position that the vehicle reports." if fog else ""
+    noise = " Inside fog, plans start at the noisy reported position." if fog else ""
     planner = results.planners[0]
     circles = (
-        f" Blue circles: {NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
+        f" Blue ellipses: {NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
         if results.runs["prediction_error"].notna().any()
         else ""
     )
     kind = f"with {PLANNERS[planner].method} planning" if planner in PLANNERS else f"by “{planner}”"
     return (
-        f"One moment of a run {kind}. Runs were not picked by hand, but by a rule: "
-        f"{examples.example_rule(results)}. {'; '.join(stories)}.{circles} Numbers are those of whole runs.{noise}"
+        f"One moment of each run {kind}. Runs were chosen by rule, not by hand: {examples.example_rule(results)}. "
+        f"{'; '.join(stories)}.{circles} Numbers refer to whole runs.{noise}"
     )
 
 
 def _row(results: Results, example: examples.Example) -> "pd.Series[Any]":
-    """The row of an example in the table of runs."""
+    """Row of an example in the table of runs."""
     keys: dict[str, Value] = {"member": example.member, "run": example.run}
     keys |= {factor.column: example.setting.values[factor.key] for factor in results.factors}
-    chosen = np.all([results.runs[key] == value for key, value in keys.items()], axis=0)
-    return results.runs[chosen].iloc[0]
+    mask = np.all([results.runs[key] == value for key, value in keys.items()], axis=0)
+    return results.runs[mask].iloc[0]

@@ -1,40 +1,38 @@
-// The picture of one moment of a run, in the colours of the report's figures.
+// One moment of a run as marks, the lowest first: for a flight that is played, the same as `Scene.marks` in scene.py.
 
-function drawMoment(picture, { colors, throttles, jet, deviations, extent }, run, step) {
-  const [x, y] = run.position(step);
-  picture.begin(run.world);
-  picture.circles(run.world);
-  const half = extent / 2;
-  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]];
-  picture.line(corners.map(([right, up]) => [x + half * right, y + half * up]), colors.frame, 1);
-  picture.line(Array.from({ length: step + 1 }, (_, past) => run.position(past)), colors.path, 1.6);
-  const [startX, startY] = run.position(0);
-  picture.disc(startX, startY, 0.02, colors.path);
-  if (step < run.steps) { // nothing is decided at the end
-    const lost = step > 0 && run.in_fog[step - 1]; // then the plan starts where the vehicle is told to be
-    drawPlan(picture, lost ? [] : [[x, y]], pairs(run.planned(step)), pairs(run.std(step)), deviations, colors.plan);
-    run.action(step).forEach((opening, index) => {
-      // The jet leaves on the side opposite to where it pushes.
-      const ends = [run.world.radius, run.world.radius + jet * opening];
-      const line = ends.map((away) => [x - away * throttles[index][0], y - away * throttles[index][1]]);
-      if (opening > 0) picture.line(line, colors.jet, 4);
-    });
-  }
-  picture.disc(x, y, run.world.radius, colors.vehicle);
-  const [goalX, goalY] = run.goal;
-  for (const side of [1, -1]) {
-    picture.line([-0.035, 0.035].map((end) => [goalX + end, goalY + side * end]), colors.goal, 2.5);
-  }
+function moment({ layers, throttles }, run, step) {
+  const size = (name) => layers[name].size;
+  const square = [[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]];
+  const line = (...points) => ({ points });
+  const at = ([x, y], scale, corners) => line(...corners.map(([right, up]) => [x + scale * right, y + scale * up]));
+  const ellipse = (center, radii) => ({ points: [center], radii });
+  const disc = (center, radius) => ellipse(center, [radius, radius]);
+  const here = run.position(step);
+  const { radius } = run.world;
+  const made = (values) => (step < run.steps ? [...values(step)] : []); // nothing is decided at the end
+  const [path, std] = [run.planned, run.std].map((values) => pairs(made(values)));
+  const lost = step > 0 && run.in_fog[step - 1]; // then the plan starts where the vehicle is told to be
+  const jet = (opening, index) => { // which leaves on the side opposite to where it pushes
+    const ends = [radius, radius + size("throttles") * opening];
+    return opening > 0 ? [at(here, -1, ends.map((end) => throttles[index].map((part) => end * part)))] : [];
+  };
+  const shapes = {
+    view: [at(here, size("view"), square)],
+    uncertainty: path.map((point, index) => ellipse(point, std[index].map((each) => size("uncertainty") * each))),
+    past: step ? [line(...Array.from({ length: step + 1 }, (_, past) => run.position(past)))] : [],
+    start: [at(run.position(0), size("start"), square)],
+    plan: path.length ? [line(...(lost ? [] : [here]), ...path)] : [],
+    steps: path.map((point) => disc(point, size("steps"))),
+    throttles: made(run.action).flatMap(jet),
+    vehicle: [disc(here, radius)],
+    goal: [1, -1].map((side) => at(run.goal, size("goal"), [[-1, -side], [1, side]])),
+  };
+  const marks = Object.entries(layers).map(([name, layer]) => (shapes[name] ?? []).map((each) => ({ layer, ...each })));
+  return [...run.world.circles, ...marks.flat()];
 }
 
-function drawPlan(picture, from, means, stds, deviations, color) {
-  means.forEach(([x, y], index) => {
-    picture.ring(x, y, deviations * stds[index][0], deviations * stds[index][1], color, 0.8, 0.45);
-    picture.disc(x, y, 0.009, color);
-  });
-  picture.line([...from, ...means], color, 1.6);
-}
-
+/** Rows of two numbers, without those that are missing. */
 function pairs(values) {
-  return Array.from({ length: values.length / 2 }, (_, index) => [values[2 * index], values[2 * index + 1]]);
+  const rows = Array.from({ length: values.length / 2 }, (_, index) => [values[2 * index], values[2 * index + 1]]);
+  return rows.filter((row) => row.every(Number.isFinite));
 }

@@ -77,13 +77,12 @@ function showCode(place, code) {
   });
 }
 
-const WIDE = 240; // pixels a unit in a wide page; in a narrow one lines are thinner, and at least a pixel
+const WIDE = 200; // pens are in pixels where a unit has so many; they are at least a pixel
 
 /** A canvas that shows a world of some size. */
 class Picture {
-  constructor(canvas, effects) {
+  constructor(canvas) {
     this.canvas = canvas;
-    this.effects = effects;
     this.context = canvas.getContext("2d");
   }
 
@@ -105,53 +104,17 @@ class Picture {
     return [((event.clientX - left) / width) * size[0], (1 - (event.clientY - top) / height) * size[1]];
   }
 
-  disc(x, y, radius, color, opacity = 1) {
-    this.ellipse(x, y, radius, radius);
-    this.context.globalAlpha = opacity;
-    this.context.fillStyle = color;
-    this.context.fill();
-    this.context.globalAlpha = 1;
-  }
-
-  ring(x, y, radiusX, radiusY, color, pixels, opacity = 1) {
-    this.ellipse(x, y, radiusX, radiusY);
-    this.stroke(color, pixels, opacity);
-  }
-
-  line(points, color, pixels) {
-    this.context.beginPath();
-    for (const [x, y] of points) this.context.lineTo(x, y);
-    this.stroke(color, pixels);
-  }
-
-  ellipse(x, y, radiusX, radiusY) {
-    this.context.beginPath();
-    if (Number.isFinite(x + y + radiusX + radiusY)) this.context.ellipse(x, y, radiusX, radiusY, 0, 0, 2 * Math.PI);
-  }
-
-  stroke(color, pixels, opacity = 1) {
-    this.context.globalAlpha = opacity;
-    this.context.strokeStyle = color;
-    this.context.lineWidth = Math.max(pixels / WIDE, devicePixelRatio / this.scale);
-    this.context.stroke();
-    this.context.globalAlpha = 1;
-  }
-
-  /** The world's circles by their effects, the lowest first, as in the figures; arrows say where fields pull. */
-  circles(world) {
-    for (const { name, color, pull } of this.effects) {
-      for (const [x, y, radius] of world.circles.filter((circle) => circle[3] === name)) {
-        this.disc(x, y, radius, color, pull ? 0.5 : 0.85);
-        if (name === "none") this.ring(x, y, radius, radius, "#999", 0.7);
-        if (pull) this.arrow(x, y, pull.map((part) => 0.6 * radius * part), color, radius);
-      }
-    }
-  }
-
-  arrow(x, y, [dx, dy], color, radius) {
-    this.ring(x, y, radius, radius, color, 1.5);
-    const wing = (side) => [x + 0.5 * dx - 0.35 * side * dy, y + 0.5 * dy + 0.35 * side * dx];
-    this.line([[x - dx, y - dy], [x + dx, y + dy]], "#595959", 0.9);
-    this.line([wing(1), [x + dx, y + dy], wing(-1)], "#595959", 0.9);
+  /** A shape, see scene.py: an ellipse where it has radii, else a line or, without a pen, the area inside. */
+  mark({ layer: { color, width, opacity }, points, radii }) {
+    const { context } = this;
+    context.beginPath();
+    if (radii) context.ellipse(...points[0], ...radii, 0, 0, 2 * Math.PI);
+    else for (const [x, y] of points) context.lineTo(x, y);
+    context.globalAlpha = opacity;
+    context.fillStyle = context.strokeStyle = color;
+    context.lineWidth = Math.max(width / WIDE, devicePixelRatio / this.scale);
+    if (width) context.stroke();
+    else context.fill();
+    context.globalAlpha = 1;
   }
 }

@@ -7,7 +7,7 @@ for (const root of document.querySelectorAll(".player")) {
   const data = JSON.parse(root.querySelector("script").textContent);
   const part = (name) => root.querySelector(`.${name}`);
   const [canvas, slider, button] = ["arena", "slider", "play"].map(part);
-  const picture = new Picture(canvas, data.effects);
+  const picture = new Picture(canvas);
   let run;
   let playing = null; // or when the step was that it started from, and which
 
@@ -23,7 +23,8 @@ for (const root of document.querySelectorAll(".player")) {
     slider.value = step;
     const [x, y] = run.position(step);
     Object.assign(canvas.dataset, { step, x, y });
-    drawMoment(picture, data, run, step);
+    picture.begin(run.world);
+    for (const mark of moment(data, run, step)) picture.mark(mark);
     part("views").querySelectorAll("canvas").forEach((channel, index) => drawView(channel, run, step, index));
     showCode(part("bars"), run.code ? run.code(step) : []);
     tell(step, Math.hypot(x - run.goal[0], y - run.goal[1]));

@@ -1,4 +1,4 @@
-"""Runs to be played in the page: which ones, and what is shown of them. Knows results; `player.js` draws.
+"""Runs for the player of the page, packed for display. Knows results; `player.js` draws.
 
 Axes: T recorded steps, H planning horizon, K channels of the view, C context code. Lengths are in units (u).
 """
@@ -9,34 +9,30 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import interpn
 
-from affmap.env.body import JET, NUM_DEVIATIONS, THROTTLES
+from affmap.env.body import THROTTLES
 from affmap.env.effects import EFFECTS
 from affmap.env.layout import Layout
-from affmap.report import blocks
-from affmap.report.drawing.arena import GOAL_COLOR, VEHICLE_COLOR
-from affmap.report.drawing.colors import PLAN_COLOR, readable
+from affmap.env.scene import LAYERS, NUM_DEVIATIONS, circle_marks
+from affmap.report.drawing.colors import readable
 from affmap.report.packing import Packed, pack, pack_bits
 from affmap.report.painted import map_size
 from affmap.results.examples import first_member, middle_runs
 from affmap.results.files import Floats
 from affmap.results.setting import ALWAYS, CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings, Setting
 from affmap.results.tables import Results
-from affmap.view import EXTENT, view
+from affmap.view import view
 
 MAX_RUNS = 24
-"""Runs of a page; where there are more settings than that, each has one."""
-
-COLORS = {"vehicle": VEHICLE_COLOR, "jet": "#d55e00", "path": "#000000", "plan": PLAN_COLOR}
-COLORS |= {"goal": GOAL_COLOR, "frame": "#777777"}
+"""Runs of a page; with more settings than that, one run each."""
 
 LENGTH, DEVIATION, OPENING, NATS, CODE = 1e-3, 1e-4, 1e-2, 1e-2, 1e-4
-"""What is shown is rounded to these: u, u, share, nats, and the context code's own unit."""
+"""Resolution of displayed values: u, u, share, nats, and the context code's own unit."""
 
 
-def player(results: Results, settings: ReportSettings) -> blocks.Block:
-    """The block that plays runs of every setting."""
+def player(results: Results, settings: ReportSettings) -> dict[str, Any]:
+    """Variables of `player.html`: runs of every setting, their caption, and a legend of shape, colour and words."""
     count = max(1, MAX_RUNS // len(results.settings))
-    chosen = {layout: sorted(middle_runs(results, layout)[:count]) for layout in results.layouts}
+    numbers = {layout: sorted(middle_runs(results, layout)[:count]) for layout in results.layouts}
     worlds: dict[Layout, int] = {}
     factors = [LAYOUT, PLANNER, *(f for f in (results.color, results.x) if f not in ALWAYS), CONTEXT_SIZE]
     orders = {
@@ -50,7 +46,7 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
     runs = [
         run
         for setting in sorted(results.settings, key=place)
-        for run in _runs(results, settings, setting, factors, chosen[setting.layout], worlds)
+        for run in _runs(results, settings, setting, factors, numbers[setting.layout], worlds)
     ]
     size = map_size(results)
     radius = results.vehicle_radius(results.settings[0])
@@ -58,38 +54,30 @@ def player(results: Results, settings: ReportSettings) -> blocks.Block:
         "first": next((number for number, run in enumerate(runs) if run["choice"][-2] == str(size)), 0),
         "keys": [*(factor.label.capitalize() for factor in factors), "Run"],
         "runs": runs,
-        "worlds": [describe(world, radius) | {"channels": world.channels} for world in worlds],
-        "effects": effects(),
-        "colors": COLORS,
+        "worlds": [describe(world, radius) for world in worlds],
+        "layers": {name: layer._asdict() for name, layer in LAYERS.items()},
         "throttles": THROTTLES.tolist(),
-        "jet": JET,
-        "deviations": NUM_DEVIATIONS,
-        "extent": EXTENT,
     }
     present = {circle.effect for world in worlds for circle in world.circles}
-    return blocks.player(data, _caption(results, max(map(len, chosen.values())), present), _legend(present))
+    caption = _caption(results, max(map(len, numbers.values())), present)
+    return {"data": data, "caption": caption, "legend": _legend(present)}
 
 
 def describe(world: Layout, radius: float) -> dict[str, Any]:
-    """A layout as the page draws it: its size, the vehicle's radius (u) and circles."""
-    return {
-        "size": world.size,
-        "radius": radius,
-        "circles": [[*circle.center, circle.radius, circle.effect] for circle in world.circles],
-    }
-
-
-def effects() -> list[dict[str, Any]]:
-    """What circles do, from the lowest to the highest in a picture: name, colour, and where they pull."""
-    return [{"name": name, "color": effect.color, "pull": effect.pull} for name, effect in EFFECTS.items()]
+    """Describe a layout for the page: its size, the vehicle's radius (u), the marks of its circles, its channels."""
+    circles = [
+        {"layer": layer._asdict(), "points": points.tolist(), "radii": None if radii is None else radii.tolist()}
+        for layer, points, radii in circle_marks(world)
+    ]
+    return {"size": world.size, "radius": radius, "circles": circles, "channels": world.channels}
 
 
 def codes_along(results: Results, job: Setting, member: int, path: Floats, world: Layout) -> Floats | None:
     """Context codes `[T + 1, C]` of the member's affordance map at positions `[T + 1, 2]`, bilinear.
 
-    None where there is none: without a context, and in a world that no map has been painted of.
+    None without a context, and in a world of which no map was painted.
     """
-    if job.context_size == 0 or results.map_world(job) != world:
+    if job.context_size == 0 or results.map_layout(job) != world:
         return None
     maps = results.read_maps(job)
     (index,) = np.flatnonzero(maps.member == member)
@@ -105,14 +93,14 @@ def _runs(
     numbers: list[int],
     worlds: dict[Layout, int],
 ) -> list[dict[str, Any]]:
-    """Runs of a job; their worlds are put into `worlds`, unless they are there."""
-    paths, flown = results.trajectories(job), results.worlds(job)
-    found = []
+    """Runs of a job; their worlds are added to `worlds`."""
+    paths, layouts = results.trajectories(job), results.run_layouts(job)
+    runs = []
     for number in numbers:
         member, index = first_member(paths, number)
         path = paths.position[index]
-        world = flown[index]
-        found.append(
+        world = layouts[index]
+        runs.append(
             {
                 "choice": [
                     *(readable(str(job.values[factor.key]), settings) for factor in factors),
@@ -132,11 +120,11 @@ def _runs(
                 **_code(job, codes_along(results, job, member, path, world)),
             }
         )
-    return found
+    return runs
 
 
 def _code(job: Setting, codes: Floats | None) -> dict[str, Packed | str | None]:
-    """The context code of a run, or why there is none."""
+    """Context code of a run, or the reason why there is none."""
     if codes is not None:
         return {"code": pack(codes, CODE), "without": ""}
     reason = "no affordance map of this world" if job.context_size else "this model has none"
@@ -144,29 +132,26 @@ def _code(job: Setting, codes: Floats | None) -> dict[str, Packed | str | None]:
 
 
 def _caption(results: Results, count: int, present: set[str]) -> str:
-    others = {1: "", 2: " and the next in rank"}.get(count, f" and the {count - 1} next in rank")
-    found = (
-        f"Runs of the first member: in each layout the one that the figure of trajectories shows{others}, in every "
-        "setting. A picture shows the moment at which a plan is made: the path so far, the path that the vehicle "
-        f"imagines (circles: {NUM_DEVIATIONS} standard deviations), its throttles, and what it sees. "
+    others = {1: "", 2: " and the next in rank"}.get(count, f" and the next {count - 1} in rank")
+    caption = (
+        f"Runs of the first member in every setting: for each layout, the run in the figure of trajectories{others}. "
+        "Each frame shows the moment of planning: the path so far, the imagined path (ellipses: "
+        f"{NUM_DEVIATIONS} standard deviations), the throttles and the view. "
     )
     if "fog" in present:
-        found += "Inside fog a plan starts at the noisy position that the vehicle reports. "
-    if any(results.map_world(job) in results.worlds(job) for job in results.settings if job.context_size):
-        return found + "The context code is that of the member's affordance map at the true position."
+        caption += "Inside fog, plans start at the noisy reported position. "
+    if any(results.map_layout(job) in results.run_layouts(job) for job in results.settings if job.context_size):
+        return caption + "The context code is that of the member's affordance map at the true position."
     if max(results.context_sizes):
-        return found + "There are no context codes: runs were not flown in the world whose affordance map was painted."
-    return found + "There are no context codes: no model has a context."
+        return (
+            caption + "There are no context codes: runs were not flown in the world whose affordance map was painted."
+        )
+    return caption + "There are no context codes: no model has a context."
 
 
 def _legend(present: set[str]) -> list[tuple[str, str, str]]:
-    """Shape, colour and words of what is drawn."""
+    """Shape, colour and words of everything that is drawn."""
     return [
-        ("disc", COLORS["vehicle"], "vehicle"),
-        ("line", COLORS["jet"], "throttles"),
-        ("line", COLORS["path"], "past path"),
-        ("line", COLORS["plan"], f"imagined path, {NUM_DEVIATIONS} sd"),
-        ("cross", COLORS["goal"], "goal"),
-        ("square", COLORS["frame"], "what is seen"),
+        *((each.sign, each.color, each.label) for each in reversed(LAYERS.values()) if each.label),
         *(("disc", effect.color, effect.label) for name, effect in EFFECTS.items() if name in present),
     ]
