@@ -98,7 +98,7 @@ def test_a_report_of_agents_without_a_model_is_drawn(swept: Path, monkeypatch: p
     assert in_process(monkeypatch, "affmap-report", arguments) == 0
     assert (swept / "without/figures/failures.png").is_file()
     page = (swept / "without/report.html").read_text("utf-8")
-    assert "One moment of a run by “random”" in page
+    assert "One moment of each run by “random”" in page
 
 
 def test_agents_can_be_compared_one_with_the_other(swept: Path, tmp_path: Path) -> None:
