@@ -11,7 +11,6 @@ The folder of an experiment, its room, is named after its file in `conf/experime
 """
 
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 from affmap.report.experiment import PARTS, Room
@@ -48,10 +47,10 @@ def open_room(experiment: str, claims: str | None) -> Room:
     if not folder.is_dir():
         return Room(claims_about(claims))
     page = folder / "page.md"
-    package = f"{__name__}.{experiment}.figures"
+    own = [f"{__name__}.{experiment.replace('/', '.')}.figures"] if (folder / "figures").is_dir() else []
     return Room(
         claims_about(claims),
         page if page.is_file() else default.page,
         (folder, PARTS),
-        [*default.figures, *([package] if find_spec(package) else [])],
+        [*default.figures, *own],
     )

@@ -66,3 +66,13 @@ def test_on_a_coloured_ground_circles_are_rims_and_paths_have_a_white_one() -> N
     plan = LAYERS["plan"]
     before = layers[layers.index(plan) - 1]
     assert before.color == "#ffffff" and before.width > plan.width
+
+
+def test_deviations_stay_with_their_points_where_others_are_unknown() -> None:
+    """By hand: of three steps the first has no position."""
+    path, std = np.vstack([[np.nan, np.nan], PATH]), np.array([[9.0, 9.0], [0.1, 0.2], [0.3, 0.4]])
+    first, second = marks(SCENE._replace(path=path, std=std), "uncertainty")
+    assert first.points == pytest.approx(PATH[:1]) and second.points == pytest.approx(PATH[1:])
+    assert first.radii == pytest.approx(NUM_DEVIATIONS * std[1]) and second.radii == pytest.approx(
+        NUM_DEVIATIONS * std[2]
+    )

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from affmap.report.markdown import bullets, escape, fill, text_table
-from affmap.report.page import parse, plain
+from affmap.report.page import html, parse, pdf, plain
 from affmap.settings import ConfigError
 
 TEXTS = st.text(st.characters(codec="ascii", exclude_categories=["Cc"]) | st.sampled_from("äé–“”…−λ"), max_size=40)
@@ -92,8 +92,24 @@ def test_a_wrong_directive_is_named(tmp_path: Path, text: str, message: str) -> 
 def test_figures_alerts_and_widgets_are_parts_of_their_own() -> None:
     """By hand; HTML that is no place of a widget is text."""
     text = "![one](figures/one.png)\n\n*A caption.*\n\n**Beware.**\n\n<!-- player -->\n\n<b>x</b>\n"
-    figure, alert, widget, html = parse(text)
+    figure, alert, widget, raw = parse(text)
     assert (figure["kind"], figure["source"], plain(figure["parts"])) == ("figure", "figures/one.png", "A caption.")
     assert (alert["kind"], plain(alert["parts"])) == ("alert", "Beware.")
     assert (widget["kind"], widget["name"]) == ("widget", "player")
-    assert plain([html]) == "<b>x</b>" and {part["kind"] for part in html["parts"]} == {"text"}
+    assert plain([raw]) == "<b>x</b>" and {part["kind"] for part in raw["parts"]} == {"text"}
+
+
+def test_headings_of_one_name_have_places_of_their_own() -> None:
+    """By hand: the links of the contents lead to each."""
+    anchors = [part["anchor"] for part in parse("## A b\n\n## A b\n\n### C\n")]
+    assert anchors == ["part-a-b", "part-a-b-2", "part-c"]
+
+
+def test_everything_that_markdown_can_say_is_set(tmp_path: Path) -> None:
+    """Each kind of CommonMark, as PDF and as HTML."""
+    text = (
+        "# T\n\n---\n\n> quote\n\n1. one\n\n`code` **b** *i* [link](#x) ![in a line](none.png)\\\nnext\n\n    block\n"
+    )
+    assert pdf(tmp_path, text, None).startswith(b"%PDF")
+    shown = html(tmp_path, text, {})
+    assert all(tag in shown for tag in ("<hr>", "<blockquote>", "<ol>", "<code>", "<br>", "<pre>", "in a line"))

@@ -12,6 +12,7 @@ from scipy import stats
 
 from affmap.results import statistics
 from affmap.results.statistics import Outcome, Verdict
+from affmap.settings import ConfigError
 
 FALLING = np.array([[5.0, 4.0, 3.0], [9.0, 7.0, 5.5], [2.0, 1.0, 0.0], [4.0, 3.5, 3.0], [8.0, 2.0, 1.0]])
 
@@ -224,3 +225,11 @@ def test_a_claim_of_parts_holds_when_all_do() -> None:
     assert statistics.conjunction([holds, holds]) == holds
     assert statistics.conjunction([holds, open_]) == open_
     assert statistics.conjunction([open_, fails]) == fails
+
+
+def test_a_word_that_names_no_direction_is_refused() -> None:
+    """Taken for the other one, it would turn a verdict around."""
+    with pytest.raises(ConfigError, match="a test cannot be of 'rise'; choose one of: falls, rises"):
+        statistics.trend(FALLING, "rise")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="choose one of: lower, higher"):
+        statistics.paired(FALLING[:, 0], FALLING[:, 1], "less")  # type: ignore[arg-type]
