@@ -7,11 +7,13 @@ A line `{{ what arguments }}` of a page becomes
 | `{{ table exp1/tables/claims.md }}` | a table of `runs/reference`; with ` | text`, its rows that contain the text |
 | `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
 | `{{ readme Glossary }}` | a section of the README, with its links to places of the site |
+| `{{ tried }}` | the table of what the tests try |
 
 Blocks of ```` ```math ```` and `` $`...`$ `` are LaTeX and become MathML, which browsers draw without help. Figures and
 reports of `runs/reference` are part of the site as `reference/...`, notebooks and the reports of experiments are pages.
 """
 
+import csv
 import inspect
 import json
 import re
@@ -26,6 +28,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from pygments.formatters import HtmlFormatter
+
+from affmap.report.markdown import text_table
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "runs/reference"
@@ -75,7 +79,7 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Fill in tables, source lines and formulas that stand by themselves."""
-    markdown = re.sub(r"^\{\{ (\w+) (.+) \}\}$", _filled, markdown, flags=re.M)
+    markdown = re.sub(r"^\{\{ (\w+)(?: (.+))? \}\}$", _filled, markdown, flags=re.M)
     return re.sub(r"^```math\n(.+?)^```$", _formula, markdown, flags=re.M | re.S)
 
 
@@ -86,7 +90,9 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
 def _filled(line: re.Match[str]) -> str:
     macro = MACROS.get(line[1])
-    return macro(*line[2].split(" | ")) if macro else line[0]  # a directive of reports that a page shows
+    if not macro:
+        return line[0]  # a directive of reports that a page shows
+    return macro(*(line[2].split(" | ") if line[2] else ()))
 
 
 def _formula(block: re.Match[str]) -> str:
@@ -129,6 +135,13 @@ def readme(heading: str) -> str:
     return text
 
 
+def tried() -> str:
+    """Attacks on affmap that the tests try, how often, and the outcome: `docs/tried.csv`, which they write."""
+    with (ROOT / "docs/tried.csv").open(newline="", encoding="utf-8") as file:
+        heads, *rows = csv.reader(file)
+    return text_table(heads, [(attack, f"{int(times):,}", outcome) for attack, times, outcome in rows])
+
+
 def _split(name: str) -> tuple[str, str]:
     """A dotted name as that of its module and the rest."""
     parts = name.split(".")
@@ -150,4 +163,4 @@ def _notebook(path: Path) -> Iterator[str]:
                 yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
 
 
-MACROS: dict[str, Callable[..., str]] = {"table": table, "source": source, "readme": readme}
+MACROS: dict[str, Callable[..., str]] = {"table": table, "source": source, "readme": readme, "tried": tried}

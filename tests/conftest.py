@@ -2,6 +2,7 @@
 
 import csv
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -64,19 +65,27 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Compare what passed tests tried with the site's table, or renew its rows (in the process that sees all tests)."""
-    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
-    if hasattr(session.config, "workerinput") or not terminal or "AFFMAP_FUZZ" in os.environ:
+    """Compare what passed tests tried with the site's table, or renew it (in the process that sees all tests)."""
+    config = session.config
+    terminal = config.pluginmanager.get_plugin("terminalreporter")
+    if hasattr(config, "workerinput") or not terminal:
         return
-    properties = [each for report in terminal.stats.get("passed", []) for each in report.user_properties]
-    rows = {attack: (str(times), outcome) for name, (attack, times, outcome) in properties if name == "tried"}
+    rows: Counter[tuple[str, str]] = Counter()
+    for report in terminal.stats.get("passed", []):
+        for name, value in report.user_properties:
+            if name == "tried":
+                attack, times, outcome = value
+                rows[attack, outcome] += times
     with TRIED.open(newline="", encoding="utf-8") as file:
         head, *known = csv.reader(file)
-    published = {attack: (times, outcome) for attack, times, outcome in known}
-    if session.config.getoption("tried"):
+    published = {(attack, outcome): int(times) for attack, times, outcome in known}
+    if config.getoption("tried"):
         with TRIED.open("w", newline="", encoding="utf-8") as file:
-            every = sorted((attack, *row) for attack, row in {**published, **rows}.items())
+            every = sorted((attack, times, outcome) for (attack, outcome), times in {**published, **rows}.items())
             csv.writer(file, lineterminator="\n").writerows([head, *every])
-    elif different := [attack for attack, row in rows.items() if published.get(attack) != row]:
-        terminal.write_line(f"{TRIED.name} says something else of {'; '.join(different)}: make test ARGS=--tried")
+        return
+    is_whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.keyword
+    different = [attack for (attack, outcome), times in rows.items() if published.get((attack, outcome)) != times]
+    if is_whole and different and "AFFMAP_FUZZ" not in os.environ:
+        terminal.write_line(f"\n{TRIED.name} says something else of {'; '.join(different)}: make test ARGS=--tried")
         session.exitstatus = session.exitstatus or pytest.ExitCode.TESTS_FAILED

@@ -176,11 +176,11 @@ def attempt(number: int, place: Place, value: Any) -> str:
     return "accepted"
 
 
-def tell(what: str, tried: Counter[str], least: int, record_property: Callable[[str, object], None]) -> None:
-    """Put on record how many inputs were tried."""
-    record_property(what, tried.total())
-    print(f"{what}: {tried.total()} tried, {tried['refused']} refused, {tried['accepted']} accepted.")
-    assert tried.total() >= least
+def tell(attack: str, counts: Counter[str], least: int, tried: Callable[[str, int, str], None]) -> None:
+    """Record how many inputs were tried."""
+    tried(attack, counts.total(), "one sentence and status 2, or a sane configuration")
+    print(f"{attack}: {counts['refused']} refused, {counts['accepted']} accepted.")
+    assert counts.total() >= least
 
 
 def examples(number: int) -> settings:
@@ -193,14 +193,14 @@ def examples(number: int) -> settings:
     )
 
 
-def test_every_key_with_every_bad_value(record_property: Callable[[str, object], None]) -> None:
+def test_every_key_with_every_bad_value(tried: Callable[[str, int, str], None]) -> None:
     """All keys of conf/ times all values of the list above: a sentence with key and value, or sane settings."""
-    tried: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for number, place in PLACES:
         for value in NASTY:
-            tried[attempt(number, place, value)] += 1
-    tell("bad values from a list", tried, 10_000, record_property)
-    assert tried["refused"] > 0.8 * tried.total()
+            counts[attempt(number, place, value)] += 1
+    tell("wrong values of every kind for every key", counts, 10_000, tried)
+    assert counts["refused"] > 0.8 * counts.total()
 
 
 scalars = st.one_of(
@@ -227,22 +227,22 @@ anything = st.recursive(
 )
 
 
-def test_any_key_with_any_value(record_property: Callable[[str, object], None]) -> None:
+def test_any_key_with_any_value(tried: Callable[[str, int, str], None]) -> None:
     """Values drawn at random, nested ones too."""
-    tried: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
 
     @examples(3000)
     @given(st.sampled_from(PLACES), anything)
     def check(chosen: tuple[int, Place], value: Any) -> None:
-        tried[attempt(*chosen, value)] += 1
+        counts[attempt(*chosen, value)] += 1
 
     check()
-    tell("bad values at random", tried, 3000, record_property)
+    tell("random values for random keys", counts, 3000, tried)
 
 
-def test_several_keys_at_once_and_keys_that_do_not_exist(record_property: Callable[[str, object], None]) -> None:
+def test_several_keys_at_once_and_keys_that_do_not_exist(tried: Callable[[str, int, str], None]) -> None:
     """Two values at once, whose sizes multiply, and keys of any text."""
-    tried: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     sizes = st.integers(0, 6).map(lambda digits: 10**digits) | st.floats(1e-13, 1e13)
 
     @examples(2000)
@@ -260,13 +260,13 @@ def test_several_keys_at_once_and_keys_that_do_not_exist(record_property: Callab
             config = Config.checked(values, "the test")
             memory.check(config, "the test")
             check_sane(config)
-            tried["accepted"] += 1
+            counts["accepted"] += 1
         except ConfigError as error:
             check_told(str(error))
-            tried["refused"] += 1
+            counts["refused"] += 1
 
     check()
-    tell("several bad values at once", tried, 2000, record_property)
+    tell("several wrong values at once", counts, 2000, tried)
 
 
 def _at(values: Any, place: Place) -> Any:
@@ -358,16 +358,14 @@ LINES: dict[str, list[str]] = {
 # fmt: on
 
 
-def test_command_lines_that_mean_nothing(
-    command: Callable[..., str], record_property: Callable[[str, object], None]
-) -> None:
+def test_command_lines_that_mean_nothing(command: Callable[..., str], tried: Callable[[str, int, str], None]) -> None:
     """A list by hand of what Hydra's grammar, groups and sweeps can be fed with, and what the sentence is about."""
-    tried: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for told, lines in LINES.items():
         for line in lines:
             assert told in command(line.split("|")), line
-            tried["refused"] += 1
-    tell("command lines", tried, 150, record_property)
+            counts["refused"] += 1
+    tell("meaningless command lines", counts, 150, tried)
 
 
 def test_the_other_commands_read_the_same_command_lines(command: Callable[..., str]) -> None:
@@ -381,11 +379,11 @@ def test_any_key_of_the_command_line_with_any_value(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    record_property: Callable[[str, object], None],
+    tried: Callable[[str, int, str], None],
 ) -> None:
     """Keys of conf/, of Hydra and of nothing, with signs and values of all kinds: a sentence and status 2, or jobs."""
     monkeypatch.chdir(tmp_path)
-    tried: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     own = sorted({".".join(map(str, place)) for _, place in PLACES if all(isinstance(part, str) for part in place)})
     keys = st.sampled_from(own) | st.sampled_from(["experiment", "scale", "hydra.sweep.dir", "hydra/launcher", "x", ""])
     plain_values = [str(value) for value in NASTY if not (isinstance(value, int) and abs(value) > 10**4200)]
@@ -420,7 +418,7 @@ def test_any_key_of_the_command_line_with_any_value(
                 check_sane(config)
         if not accepted:
             check_told(captured.err.removesuffix("\n"), "")
-        tried["accepted" if accepted else "refused"] += 1
+        counts["accepted" if accepted else "refused"] += 1
 
     check()
-    tell("command lines at random", tried, 100, record_property)
+    tell("random command lines", counts, 100, tried)

@@ -50,8 +50,9 @@ class Bomb:
 
 
 @pytest.fixture
-def canary(tmp_path: Path) -> Iterator[Path]:
+def canary(tmp_path: Path, tried: Callable[[str, int, str], None]) -> Iterator[Path]:
     """A place where nothing is, and must be nothing when the test ends."""
+    tried("archives, weights, checkpoints, YAML and JSON made to run code when opened", 1, "nothing is executed")
     path = tmp_path / "canary"
     yield path
     assert not path.exists(), "something was executed"
