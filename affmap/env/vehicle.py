@@ -193,6 +193,9 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._canvas.close()
             self._canvas = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_canvas": None}  # a copy draws by itself
+
     def _running(self) -> Physics:
         if self._physics is None:
             raise gymnasium.error.ResetNeeded("Call reset() before the first step() or render().")

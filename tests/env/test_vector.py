@@ -1,5 +1,7 @@
 """Many vehicles in one process against Gymnasium's own vector of environments made one by one."""
 
+import copy
+import pickle
 from typing import Any
 
 import gymnasium
@@ -80,6 +82,18 @@ def test_options_are_everybody_s() -> None:
 def test_without_a_limit_no_episode_ends(limit: int | None) -> None:
     envs = VehicleVectorEnv(NUM_ENVS, limit)
     assert not any(step[3].any() for step in flight(envs, 230, 0)[1:])
+
+
+def test_a_copy_in_flight_flies_on_to_the_same_bits() -> None:
+    """Copies and pickles, in fog, beyond the end of an episode; the original afterwards."""
+    envs = make(None, "affmap/Fog-v0", max_episode_steps=7)
+    flight(envs, 4, 3)
+    copies = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), envs]
+    flown = [[one.step(np.full((NUM_ENVS, 4), throttle)) for throttle in np.linspace(0, 1, 9)] for one in copies]
+    for other in flown[:2]:
+        for mine, its in zip(other, flown[2], strict=True):
+            for one, expected in zip(mine, its, strict=True):
+                assert_equal(one, expected)
 
 
 def test_mistakes_are_named() -> None:

@@ -1,6 +1,9 @@
 """The environment proves its contract: Gymnasium's checker, bit-equal rollouts, what is reported and rewarded."""
 
+import copy
 import math
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -321,3 +324,50 @@ def test_closing_twice_is_fine() -> None:
     env.close()
     env.close()
     np.testing.assert_array_equal(env.render(), picture)
+
+
+def pickled(env: Any) -> Any:
+    return pickle.loads(pickle.dumps(env))
+
+
+WEDGE = world((0.12, 0.62, 0.1, "obstacle"), (0.8, 0.5, 0.4, "fog"), (0.6, 0.9, 0.4, "force_down"))
+"""A vehicle at (0.06, 0.46) is wedged between border and obstacle; to the right lie fog and a field."""
+
+
+def test_a_copy_in_flight_flies_on_to_the_same_bits(tried: Callable[[str, int, str], None]) -> None:
+    """The undisturbed flight, noise included, however the original and further copies fly in the meantime.
+
+    The vehicle is pressed into the wedge at first, by forces that Box2D keeps from step to step.
+    """
+    flight = [*[np.array([0.1, 0.7, 0.6, 0.2])] * 20, *[np.array([1.0, 0.2, 0.1, 0.9])] * 20, *actions(40, seed=5)]
+    envs = [VehicleEnv(WEDGE) for _ in range(2)]
+    for env in envs:
+        env.reset(seed=4, options={"position": [0.06, 0.46]})
+    expected = [envs[0].step(action) for action in flight]
+    felt = {(info["touching"], info["in_fog"]) for *_, info in expected}
+    assert felt >= {(True, False), (False, True), (False, False)}
+    for number in range(60):
+        for copied in (copy.deepcopy, pickled):
+            other, further = copied(envs[1]), copied(envs[1])
+            further.step(np.zeros(4))
+            assert_bit_equal([other.step(action) for action in flight[number : number + 20]], expected[number:][:20])
+        assert_bit_equal([envs[1].step(flight[number])], [expected[number]])
+    tried("a copy or a pickle of an environment in contacts, in fog and in a field", 120, "the bits of the original")
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickled])
+def test_a_copy_of_a_wrapped_environment_goes_on_as_the_original(copied: Callable[[Any], Any]) -> None:
+    """Pictures, further resets of a drawn world, and the end of the episode; an environment before its reset, too."""
+    env = copied(gymnasium.make("affmap/ProceduralHard-v0", render_mode="rgb_array", max_episode_steps=12))
+    rollout(env, 5, seed=4)
+    env.render()
+    other = copied(env)
+    flights = []
+    for one in (env, other):
+        steps = [one.step(action) for action in actions(7)]
+        flights.append([*steps, *rollout(one, 3, seed=None)])
+    assert_bit_equal(*flights)
+    assert flights[0][6][3], "truncated"
+    np.testing.assert_array_equal(env.render(), other.render())
+    other.close()
+    env.render()
