@@ -15,6 +15,8 @@ from affmap.env.procedural import Procedural, load
 from affmap.view import PIXELS, view
 
 RENDER_FPS = 30
+ROUNDING = 1e-6
+"""Throttles at most this far outside [0, 1] are clipped: wrappers that scale actions compute in single precision."""
 
 
 class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -137,7 +139,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Fly for one time step.
 
         Raises:
-            ValueError: a throttle outside [0, 1], or not four of them.
+            ValueError: a throttle outside [0, 1] by more than rounding, or not four of them.
             gymnasium.error.ResetNeeded: there was no `reset` before.
         """
         observation, reward, terminated, truncated, info = self.advance(action)
@@ -147,7 +149,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Fly as in `step`, without a view: a vector of environments cuts out all views at once."""
         action = np.array(action, float)
         if action.shape != (4,) or not all(0 <= throttle <= 1 for throttle in action.tolist()):
-            raise ValueError(f"action = {action.tolist()} is not allowed: give four numbers in [0, 1].")
+            action = _clip(action)
         self._running().step(action)
         self.action = action
         last = self._reported
@@ -231,3 +233,15 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             "in_fog": physics.in_fog,
             "reached": distance < self.goal_radius,
         }
+
+
+def _clip(action: np.ndarray) -> np.ndarray:
+    """Clip throttles that rounding has put outside [0, 1].
+
+    Raises:
+        ValueError: more than rounding, or not four throttles.
+    """
+    clipped = action.clip(0, 1)
+    if action.shape != (4,) or not (abs(action - clipped) <= ROUNDING).all():
+        raise ValueError(f"action = {action.tolist()} is not allowed: give four numbers in [0, 1].")
+    return clipped

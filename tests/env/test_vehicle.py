@@ -175,7 +175,8 @@ def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> Non
     assert issubclass(ConfigError, ValueError)
 
 
-BAD_ACTIONS = [[math.nan, 0, 0, 0], [-0.1, 0, 0, 0], [0, 0, 0, 1.1], [0, 0, 0], [[0, 0, 0, 0]], [0, 0, 0, math.inf]]
+BAD_ACTIONS: list[Any] = [[math.nan, 0, 0, 0], [-0.1, 0, 0, 0], [0, 0, 0, 1.1], [-2e-6, 0, 0, 0], [0, 0, 1.000002, 0]]
+BAD_ACTIONS += [[0, 0, 0], [[0, 0, 0, 0]], [0, 0, 0, math.inf], []]
 
 
 @pytest.mark.parametrize("bad", BAD_ACTIONS, ids=str)
@@ -189,6 +190,23 @@ def test_a_bad_action_is_refused_and_nothing_is_lost(bad: list[float]) -> None:
         env.step(np.array(bad))
     np.testing.assert_array_equal(env.render(), reference.render())
     assert_bit_equal([env.step(action) for action in actions(9)], [reference.step(action) for action in actions(9)])
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Gymnasium's, on limits in double precision
+@pytest.mark.parametrize(("low", "high"), [(-0.3, 0.7), (0.1, 0.3), (-2.3, 1.7)])
+def test_throttles_that_rounding_puts_outside_their_limits_are_clipped(low: float, high: float) -> None:
+    """The flight with throttles of 0 and 1, which Gymnasium's own wrapper computes to 1.0000001 and -0.00000001."""
+    env, reference = VehicleEnv(), VehicleEnv()
+    scaled = gymnasium.wrappers.RescaleAction(env, np.float64(low), np.float64(high))
+    raw = [scaled.func(np.full(4, limit)) for limit in (low, high, *(scaled.action_space.high[:1]))]
+    assert min(map(np.min, raw)) < 0 or max(map(np.max, raw)) > 1
+    rollout(env, 5, seed=1)
+    rollout(reference, 5, seed=1)
+    for number in range(24):
+        throttles = np.roll([0.0, 1.0, 1.0, 0.0], number // 8)
+        _, reward, *_ = scaled.step(np.where(throttles, scaled.action_space.high if number % 2 else high, low))
+        assert ((env.action >= 0) & (env.action <= 1)).all()
+        assert reward == pytest.approx(reference.step(throttles)[1], abs=1e-5)
 
 
 def test_an_action_changed_afterwards_is_not_changed_in_the_environment() -> None:
