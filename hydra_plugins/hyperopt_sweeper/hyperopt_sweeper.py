@@ -189,10 +189,10 @@ class HyperoptSweeper(Sweeper):
         crashed = {number: outcome for number, outcome in enumerate(results, start=first) if outcome.crashed}
         failures = sum(trial.crashed for trial in before) + len(crashed)
         if crashed and failures > self.settings.max_failures:
-            number, outcome = next(iter(crashed.items()))
+            numbers, outcome = ", ".join(map(str, crashed)), next(iter(crashed.values()))
             raise TrialError(
-                f"Trial {number} could not be run: {outcome.error}; run the same command to try it again. If it never "
-                f"succeeds, add hydra.sweeper.max_failures={failures}, which lets it count as a failed trial."
+                f"Trial{'s' * (len(crashed) > 1)} {numbers} could not be run: {outcome.error}; run the same command to "
+                f"try again. If that never succeeds, add hydra.sweeper.max_failures={failures} to count this as failed."
             ) from outcome.raised
         trials = []
         for number, (point, outcome) in enumerate(zip(points, results, strict=True), start=first):

@@ -188,9 +188,9 @@ def test_a_trial_that_never_succeeds_blocks_a_search_until_it_may_fail(app: App,
     assert best(whole)["best_params"]["x"] <= 0.5
     allowed = "hydra.sweeper.max_failures=0"
     for _ in batches:
-        with pytest.raises(TrialError, match=r"^Trial \d could not be run: MemoryError: a large array; run") as stopped:
+        with pytest.raises(TrialError, match=r"^Trials? \d.* could not be run: MemoryError: a large") as stopped:
             app(hungry, *arguments, allowed, folder="stopped")
-        (allowed,) = re.findall(r"If it never succeeds, add (\S+=\d), which lets it count as", str(stopped.value))
+        (allowed,) = re.findall(r"If that never succeeds, add (\S+=\d) to count this as failed\.", str(stopped.value))
     assert stored(app(hungry, *arguments, allowed, folder="stopped")) == stored(whole)
 
 
@@ -203,7 +203,7 @@ def test_failures_are_counted_over_all_starts_and_bad_values_are_none(app: App) 
 
     with pytest.raises(SearchError, match="All 4 trials failed"):
         app(task, *arguments, "hydra.sweeper.num_trials=4")
-    with pytest.raises(TrialError, match=r"Trial 5 could not be run: RuntimeError: oh; .*max_failures=4, which"):
+    with pytest.raises(TrialError, match=r"Trial 5 could not be run: RuntimeError: oh; .*max_failures=4 to"):
         app(task, *arguments, "hydra.sweeper.num_trials=9")
 
 
@@ -219,7 +219,7 @@ def test_a_killed_process_fails_its_batch(app: App, stored: Stored, monkeypatch:
 
     with monkeypatch.context() as patch:
         patch.setattr(basic, "launch", killed)
-        with pytest.raises(TrialError, match=r"Trial 1 could not be run: OSError: A worker .*max_failures=1, which"):
+        with pytest.raises(TrialError, match=r"Trial 1 could not be run: OSError: A worker .*max_failures=1 to"):
             app(quadratic, *arguments, folder="repeated")
         failed = stored(app(quadratic, *arguments, "hydra.sweeper.max_failures=1", folder="failed"))
     assert [trial["crashed"] for trial in failed] == [False, True, False]
