@@ -78,6 +78,14 @@ def test_options_are_everybody_s() -> None:
     np.testing.assert_array_equal(actual[0][1]["position"], [[2.0, 1.0]] * NUM_ENVS)
 
 
+def test_a_reset_begins_whole_episodes() -> None:
+    """By hand: after a reset in the middle of an episode of 7 steps, the seventh step is the last one."""
+    envs = make(None, max_episode_steps=7)
+    for _ in range(2):
+        assert [bool(step[3].all()) for step in flight(envs, 4, 0)[1:]] == [False] * 4
+    assert [bool(step[3].all()) for step in flight(envs, 7, 0)[1:]] == [False] * 6 + [True]
+
+
 @pytest.mark.parametrize("limit", [None, -1])
 def test_without_a_limit_no_episode_ends(limit: int | None) -> None:
     envs = VehicleVectorEnv(NUM_ENVS, limit)

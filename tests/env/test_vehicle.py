@@ -271,6 +271,14 @@ def test_a_vehicle_at_rest_is_in_fog_or_not(acts: Acts, distances: dict[float, b
             np.testing.assert_allclose(info["position"], [1.5 + distance, 1.0], atol=1e-6)
 
 
+def test_fog_that_all_but_meets_the_rim_acts() -> None:
+    """By hand: `TOUCH`, ten roundings of single precision, around the distance of 0.46 u."""
+    env = VehicleEnv(world((1.0, 1.0, 0.4, "fog")))
+    for gap, in_fog in ((0.5 * 10 * 2**-23, True), (2 * 10 * 2**-23, False)):
+        _, info = env.reset(seed=0, options={"position": [1.46 + gap, 1.0]})
+        assert info["in_fog"] is in_fog
+
+
 def test_noise_is_standard_normal_and_doubles_its_variance_in_deltas() -> None:
     """Section 4.1: standard deviation 1 on each coordinate, sqrt(2) on the difference of two steps (fixed seeds)."""
     env = VehicleEnv(world((1.5, 1.0, 2.0, "fog")))
@@ -325,6 +333,14 @@ def test_info_tells_contact_and_arrival() -> None:
         assert type(info["reached"]) is type(info["touching"]) is type(info["in_fog"]) is bool
         seen.add((info["reached"], info["touching"]))
     assert seen == {(False, False), (True, False), (False, True)}
+
+
+def test_a_goal_at_the_radius_is_not_reached() -> None:
+    """By hand, in binary fractions: reached is what is nearer than `goal_radius`."""
+    env = VehicleEnv(goal_radius=0.25)
+    for x, reached in ((2.25, False), (2.25 - 2**-20, True)):
+        _, info = env.reset(seed=0, options={"position": [2.0, 1.0], "goal": [x, 1.0]})
+        assert info["reached"] is reached
 
 
 def test_a_step_before_reset_asks_for_reset() -> None:
