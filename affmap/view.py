@@ -82,7 +82,7 @@ def view(layout: VisibleLayout, positions: Any) -> Any:
     pictures = np.empty((len(places), layout.num_channels, PIXELS, PIXELS), bool)
     cut(places, *layout.arrays[places.dtype], pictures)
     pictures = pictures.reshape(*positions.shape[:-1], *pictures.shape[1:])
-    return pictures if isinstance(positions, np.ndarray) else array_namespace(positions).asarray(pictures)
+    return pictures if isinstance(positions, np.ndarray) else array_namespace(positions).asarray(pictures, device="cpu")
 
 
 def views(layouts: Sequence[VisibleLayout], positions: Any) -> Any:

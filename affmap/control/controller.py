@@ -33,10 +33,10 @@ class Observation(NamedTuple):
 
     @classmethod
     def of(cls, observations: Sequence[Mapping[str, np.ndarray]], device: str = "cpu") -> Observation:
-        """Stack the observations of B environments as tensors."""
+        """Stack the observations of B environments, arrays of any kind or lists of numbers, as tensors."""
         parts = {key: np.stack([each[key] for each in observations]) for key in cls._fields}
-        parts["view"] = parts["view"].astype(bool)
-        return cls(**{key: torch.from_numpy(part).to(device) for key, part in parts.items()})
+        arrays = {key: part.astype(bool if key == "view" else np.float32) for key, part in parts.items()}
+        return cls(**{key: torch.from_numpy(array).to(device) for key, array in arrays.items()})
 
 
 class Decision(NamedTuple):

@@ -4,8 +4,8 @@ All runs proceed side by side, one vehicle environment each. Knows controllers a
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -84,13 +84,14 @@ def control(
     return Runs(summarise(trajectories), trajectories)
 
 
-def fly(controller: Controller, layout: Layout | Procedural | str) -> Runs:
+def fly(controller: Controller, layout: Layout | Procedural | Mapping[str, Any] | str) -> Runs:
     """Let every member of an agent fly all its runs in any layout, with the vehicle of the paper.
 
     Args:
         controller: an agent made by `affmap.load`, for instance. Any other controller flies the runs of member 0, with
             the settings of `conf/control/default.yaml`; `control` takes other ones.
-        layout: the world, or the name of a file in `conf/layout`; for rules of worlds, the first member's first world.
+        layout: the world, or its keys and values, or the name of a file in `conf/layout`; for rules of worlds, the
+            first member's first world.
 
     Raises:
         ConfigError: there is no such file, or the agent was trained with other channels.

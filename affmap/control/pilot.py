@@ -35,7 +35,7 @@ class Thought(NamedTuple):
 class Pilot:
     """Flies `affmap/Vehicle-v0` with any controller, such as an agent of one member: `action = pilot(observation)`."""
 
-    def __init__(self, agent: Controller, layout: Layout | Procedural | str, seed: int = 0) -> None:
+    def __init__(self, agent: Controller, layout: Layout | Procedural | Mapping[str, Any] | str, seed: int = 0) -> None:
         """Take the controls in a world; all randomness comes from `seed`.
 
         Raises:

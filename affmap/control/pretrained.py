@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter
 
 from affmap.control.agent import Agent, ControlSettings
-from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, first_layout
+from affmap.env.procedural import first_layout
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import WEIGHTS, restore
@@ -50,7 +49,7 @@ def load(
     job = _job(record, report, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
     stack = _stack(report.parent / "store" / "train", job["train"], members)
-    first = first_layout(_layout(config["control_layout"]), members[0])
+    first = first_layout(config["control_layout"], members[0])
     return Agent(
         stack,
         make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map]),
@@ -156,10 +155,6 @@ def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack
         f"members = {[*members]} is not allowed: {store.parent.parent} has {all_seeds}"
         f"{', and those of one job only can fly together' if len(digests) > 1 else ''}."
     )
-
-
-def _layout(values: Mapping[str, Any]) -> Layout | Procedural:
-    return (Procedural if "properties" in values else Layout).model_validate(values)
 
 
 def _planner(planner: Planner | str | None, default: Mapping[str, Any]) -> Planner:

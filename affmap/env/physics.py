@@ -1,10 +1,12 @@
 """A disc with four throttles in a Box2D world: forces in, position out.
 
 Knows no observations, rewards or pictures. A `Physics` is one Box2D world from start to end; make a new one for a new
-start, because removing bodies does not restore a Box2D world.
+start, because removing bodies does not restore a Box2D world. A copy or a pickle flies all steps again, because
+Box2D keeps forces of contacts from step to step where nobody can read them: so it goes on to the same bits.
 """
 
 import math
+from typing import Any
 
 import Box2D
 import numpy as np
@@ -23,6 +25,8 @@ class Physics:
     def __init__(self, layout: Layout, vehicle: Vehicle, position: np.ndarray) -> None:
         """Put the vehicle at rest at `position` `[2]` (u)."""
         self.vehicle = vehicle
+        self._start = layout, vehicle, np.array(position, float)
+        self._actions = bytearray()  # of all steps so far, 32 bytes each
         self._world = Box2D.b2World(gravity=(0, 0))
         width, height = layout.size
         corners = [(0, 0), (width, 0), (width, height), (0, height)]
@@ -62,16 +66,20 @@ class Physics:
 
         Damping and force fields are those of the vehicle's place at the beginning of the step.
         """
-        vehicle = self.vehicle
+        vehicle, action = self.vehicle, np.asarray(action, float)
         effects = self._effects
         force = vehicle.thrust * action @ THROTTLES
         for effect, direction in PULLS.items():
             if effects[effect]:
                 force = force + effects[effect] * vehicle.force * np.array(direction)
+        self._actions += action.tobytes()
         self._body.linearDamping = vehicle.contact_damping if effects["obstacle"] else vehicle.damping
         self._body.ApplyForceToCenter((float(force[0]), float(force[1])), True)
         self._world.Step(vehicle.time_step_s, vehicle.velocity_iterations, vehicle.position_iterations)
         self._feel()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _replay, (*self._start, np.frombuffer(bytes(self._actions)).reshape(-1, 4))
 
     def _feel(self) -> None:
         """Count the things of each effect that act on the vehicle at its current place."""
@@ -83,3 +91,11 @@ class Physics:
         for center_x, center_y, limit, effect in self._terrains:
             effects[effect] += math.hypot(x - center_x, y - center_y) < limit
         self.touching, self.in_fog = effects["obstacle"] > 0, effects["fog"] > 0
+
+
+def _replay(layout: Layout, vehicle: Vehicle, position: np.ndarray, actions: np.ndarray) -> Physics:
+    """A new world after steps with `actions` `[T, 4]`."""
+    physics = Physics(layout, vehicle, position)
+    for action in actions:
+        physics.step(action)
+    return physics

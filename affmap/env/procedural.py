@@ -12,7 +12,8 @@ Circles that need not keep the gap are never pushed, shrunk or removed: they are
 """
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -189,20 +190,24 @@ def is_procedural(name: str) -> bool:
     return "properties" in read("layout", name)
 
 
-def first_layout(layout: Layout | Procedural | str, seed: int) -> Layout:
-    """A layout as it is, also by its name in `conf/layout`; of rules, the first layout of member `seed`.
+def first_layout(layout: Layout | Procedural | Mapping[str, Any] | str, seed: int) -> Layout:
+    """A layout, as `load` takes it; of rules, the first layout of member `seed`.
 
     Raises:
-        ConfigError: there is no such file, or a value in it is not allowed.
+        ConfigError: there is no such file, or a value is not allowed.
     """
-    rules = load(layout) if isinstance(layout, str) else layout
+    rules = load(layout)
     return rules.draw(generator(seed, "world", 0)) if isinstance(rules, Procedural) else rules
 
 
-def load(name: str) -> Layout | Procedural:
-    """Load the layout of `conf/layout/<name>.yaml`, or its rules for layouts.
+def load(layout: Layout | Procedural | Mapping[str, Any] | str) -> Layout | Procedural:
+    """A layout or rules for layouts: as they are, from their keys and values, or by their name in `conf/layout`.
 
     Raises:
-        ConfigError: there is no such file, or a value in it is not allowed.
+        ConfigError: there is no such file, or a value is not allowed.
     """
-    return Procedural.load("layout", name) if is_procedural(name) else Layout.load("layout", name)
+    if isinstance(layout, str):
+        return Procedural.load("layout", layout) if is_procedural(layout) else Layout.load("layout", layout)
+    if isinstance(layout, Mapping):
+        return (Procedural if "properties" in layout else Layout).checked(layout, "layout")
+    return layout

@@ -10,6 +10,16 @@ PIXELS_PER_UNIT = 200
 WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 
 
+def open_window(size: tuple[int, int], title: str) -> pygame.Surface:
+    """Open pygame's only window, of `size` in pixels, unless it is open: others may have closed or taken it."""
+    window = pygame.display.get_surface()
+    if window is None or window.get_size() != size:
+        window = pygame.display.set_mode(size)
+    if pygame.display.get_caption()[0] != title:
+        pygame.display.set_caption(title)
+    return window
+
+
 class Canvas:
     """A picture of a world, drawn anew each time; rows go downward, as pictures do."""
 
@@ -18,12 +28,9 @@ class Canvas:
         self._height, self._scale = size[1], pixels_per_unit
         width, height = (round(length * pixels_per_unit) for length in size)
         self.surface = pygame.Surface((width, height))
-        self._window: pygame.Surface | None = None
+        self._clock = pygame.time.Clock() if window else None
         if window:
-            pygame.display.init()
-            pygame.display.set_caption("affmap")
-            self._window = pygame.display.set_mode((width, height))
-            self._clock = pygame.time.Clock()
+            open_window((width, height), "affmap")
 
     def draw(self, scene: Scene) -> None:
         """Draw everything once."""
@@ -42,17 +49,17 @@ class Canvas:
 
     def show(self, frames_per_second: int) -> None:
         """Put the picture on the screen and wait for its time to pass."""
-        if self._window is not None:
-            self._window.blit(self.surface, (0, 0))
+        if self._clock is not None:
+            open_window(self.surface.get_size(), "affmap").blit(self.surface, (0, 0))
             pygame.event.pump()
             pygame.display.flip()
             self._clock.tick(frames_per_second)
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._window is not None:
+        if self._clock is not None:
             pygame.display.quit()
-            self._window = None
+            self._clock = None
 
     def _mark(self, mark: Mark) -> None:
         color = pygame.Color(mark.layer.color)

@@ -1,6 +1,6 @@
 """Many vehicles in one process, for reinforcement learning: all views of a step are cut out at once."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -9,13 +9,13 @@ from gymnasium.vector import SyncVectorEnv
 
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, load
-from affmap.env.vehicle import VehicleEnv
+from affmap.env.vehicle import PlainSpec, VehicleEnv
 from affmap.view import views as cut
 
 Step = tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]
 
 
-class VehicleVectorEnv(SyncVectorEnv):
+class VehicleVectorEnv(PlainSpec, SyncVectorEnv):
     """N environments that behave as each does alone, in half the time of Gymnasium's own vector of them.
 
     `gymnasium.make_vec` makes one by default. A vehicle whose episode was truncated begins a new one in the next step
@@ -28,7 +28,7 @@ class VehicleVectorEnv(SyncVectorEnv):
         self,
         num_envs: int = 1,
         max_episode_steps: int | None = None,
-        layout: Layout | Procedural | str = "original",
+        layout: Layout | Procedural | Mapping[str, Any] | str = "original",
         views: bool = True,
         **arguments: Any,
     ) -> None:
@@ -37,11 +37,11 @@ class VehicleVectorEnv(SyncVectorEnv):
         Args:
             num_envs: N.
             max_episode_steps: steps after which an episode is truncated; None or -1: never.
-            layout: a layout, or rules for layouts, as for `VehicleEnv`.
+            layout: as for `VehicleEnv`.
             views: whether observations hold the view.
             arguments: other arguments of `VehicleEnv`.
         """
-        arena = load(layout) if isinstance(layout, str) else layout
+        arena = load(layout)
         super().__init__([partial(VehicleEnv, arena, views=views, **arguments)] * num_envs)
         self._views = views
         self._max_steps = max_episode_steps
@@ -68,7 +68,7 @@ class VehicleVectorEnv(SyncVectorEnv):
         """Fly for one time step with `actions` `[N, 4]`, or begin anew where the last step was truncated.
 
         Raises:
-            ValueError: a throttle outside [0, 1], or not four of them for each environment.
+            ValueError: a throttle outside [0, 1] by more than rounding, or not four of them for each environment.
             gymnasium.error.ResetNeeded: there was no `reset` before.
         """
         over = self._steps == self._max_steps

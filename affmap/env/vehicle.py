@@ -2,22 +2,45 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
 from affmap.env.procedural import Procedural, load
+from affmap.settings import Settings
 from affmap.view import PIXELS, view
 
 RENDER_FPS = 30
+ROUNDING = 1e-6
+"""Throttles at most this far outside [0, 1] are clipped: wrappers that scale actions compute in single precision."""
 
 
-class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
+class PlainSpec:
+    """An environment whose specification in Gymnasium has plain values for settings, so that it can be stored."""
+
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The specification that the environment was made from; None if it was made without Gymnasium."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            kwargs = {key: value.plain if isinstance(value, Settings) else value for key, value in spec.kwargs.items()}
+            spec = replace(spec, kwargs=kwargs)
+        self._spec = spec
+
+
+class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """A round vehicle flies through an arena to a goal (Section 4.1 of the paper).
 
     Action: `Box(0, 1, [4])`, opening of each throttle; they push to the upper right, upper left, lower left and lower
@@ -50,8 +73,8 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def __init__(
         self,
-        layout: Layout | Procedural | str = "original",
-        vehicle: Vehicle | str = "default",
+        layout: Layout | Procedural | Mapping[str, Any] | str = "original",
+        vehicle: Vehicle | Mapping[str, Any] | str = "default",
         goal_radius: float = 0.1,
         render_mode: str | None = None,
         views: bool = True,
@@ -59,8 +82,9 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Make an environment.
 
         Args:
-            layout: a layout, or rules for layouts, or the name of a file in `conf/layout` that holds either.
-            vehicle: the physical constants, or the name of a file in `conf/vehicle`.
+            layout: a layout, or rules for layouts, or the keys and values of either, or the name of a file in
+                `conf/layout` that holds them.
+            vehicle: the physical constants, likewise; files are in `conf/vehicle`.
             goal_radius: distance below which the goal counts as reached, u.
             render_mode: None, "rgb_array" or "human".
             views: whether observations hold the view, which is a third of the cost of a step. For the views of many
@@ -74,8 +98,10 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"render_mode = {render_mode!r} is not one of {self.metadata['render_modes']} or None.")
         if not 0 < goal_radius < np.inf:
             raise ValueError(f"goal_radius = {goal_radius} is not allowed: it should be greater than 0 and finite.")
-        self._arena = load(layout) if isinstance(layout, str) else layout
-        self.vehicle = Vehicle.load("vehicle", vehicle) if isinstance(vehicle, str) else vehicle
+        self._arena = load(layout)
+        if isinstance(vehicle, str):
+            vehicle = Vehicle.load("vehicle", vehicle)
+        self.vehicle = vehicle if isinstance(vehicle, Vehicle) else Vehicle.checked(vehicle, "vehicle")
         self._layout = self._arena if isinstance(self._arena, Layout) else None
         if self._layout is not None:
             self._layout.check_corners(self.vehicle.radius)
@@ -137,7 +163,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Fly for one time step.
 
         Raises:
-            ValueError: a throttle outside [0, 1], or not four of them.
+            ValueError: a throttle outside [0, 1] by more than rounding, or not four of them.
             gymnasium.error.ResetNeeded: there was no `reset` before.
         """
         observation, reward, terminated, truncated, info = self.advance(action)
@@ -147,7 +173,7 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Fly as in `step`, without a view: a vector of environments cuts out all views at once."""
         action = np.array(action, float)
         if action.shape != (4,) or not all(0 <= throttle <= 1 for throttle in action.tolist()):
-            raise ValueError(f"action = {action.tolist()} is not allowed: give four numbers in [0, 1].")
+            action = _clip(action)
         self._running().step(action)
         self.action = action
         last = self._reported
@@ -193,6 +219,9 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._canvas.close()
             self._canvas = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_canvas": None}  # a copy draws by itself
+
     def _running(self) -> Physics:
         if self._physics is None:
             raise gymnasium.error.ResetNeeded("Call reset() before the first step() or render().")
@@ -228,3 +257,15 @@ class VehicleEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             "in_fog": physics.in_fog,
             "reached": distance < self.goal_radius,
         }
+
+
+def _clip(action: np.ndarray) -> np.ndarray:
+    """Clip throttles that rounding has put outside [0, 1].
+
+    Raises:
+        ValueError: more than rounding, or not four throttles.
+    """
+    clipped = action.clip(0, 1)
+    if action.shape != (4,) or not (abs(action - clipped) <= ROUNDING).all():
+        raise ValueError(f"action = {action.tolist()} is not allowed: give four numbers in [0, 1].")
+    return clipped

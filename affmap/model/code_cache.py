@@ -45,7 +45,7 @@ class CachedEncoder:
         if len(self._numbers) > self.limit or self._changes != num_changes(self._stack.parameters()):
             self._forget()
         try:
-            numbers = self._number(views).to(views.device)
+            numbers = self._number(views)
             self._encode_new(views.reshape(-1, *views.shape[-3:]), numbers.flatten())
         except BaseException:  # numbered, but not encoded
             self._forget()
@@ -58,7 +58,8 @@ class CachedEncoder:
         keys = words(views.flatten(-3)).flatten(0, -2).cpu().numpy()
         keys = keys.view(f"V{keys.itemsize * keys.shape[1]}")[:, 0].tolist()  # bytes
         numbers = self._numbers
-        return torch.tensor([numbers.setdefault(key, len(numbers)) for key in keys]).view(views.shape[:-3])
+        ids = [numbers.setdefault(key, len(numbers)) for key in keys]
+        return torch.tensor(ids, device=views.device).view(views.shape[:-3])
 
     def _encode_new(self, views: Tensor, numbers: Tensor) -> None:
         """Encode those of `views` `[P, K, 11, 11]` whose `numbers` `[P]` have no codes yet."""

@@ -40,11 +40,12 @@ class Weights(NamedTuple):
         """Arrange the weights of a vision model."""
         from affmap.compiled.direct import PICTURES
 
-        pixels = (torch.arange(PICTURES)[:, None] >> torch.arange(9) & 1).float()
-        pictures = pixels @ vision.conv1_weight.flatten(-2).permute(0, 2, 3, 1)  # [M, K, 512, q]
-        pictures[:, 0] += vision.conv1_bias[:, None]
+        pictures, pixels = (torch.arange(number, device="cpu") for number in (PICTURES, 9))
+        is_set = (pictures[:, None] >> pixels & 1).float()
+        features = is_set @ vision.conv1_weight.flatten(-2).permute(0, 2, 3, 1)  # [M, K, 512, q]
+        features[:, 0] += vision.conv1_bias[:, None]
         parts = (
-            pictures.flatten(1, 2),
+            features.flatten(1, 2),
             vision.dense_convolution().permute(0, 3, 2, 1, 4).flatten(3).flatten(1, 2),
             vision.conv2_bias.repeat_interleave(4, dim=1),
             vision.linear1.weight,

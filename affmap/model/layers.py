@@ -15,7 +15,7 @@ Generators = Sequence[torch.Generator]
 
 def uniform(generators: Generators, shape: Sequence[int], num_inputs: int) -> nn.Parameter:
     """Draw a parameter `[M, *shape]`, uniform in +-1 / sqrt(num_inputs)."""
-    draws = [torch.rand(*shape, generator=generator) for generator in generators]
+    draws = [torch.rand(*shape, generator=each, dtype=torch.float32, device=each.device) for each in generators]
     return nn.Parameter((2 * torch.stack(draws) - 1) / num_inputs**0.5)
 
 

@@ -67,6 +67,7 @@ class ExactLookup:
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
+        positions = positions if positions.is_floating_point() else positions.float()
         codes = self._direct(self.worlds, positions)
         if codes is not None:
             return codes
@@ -139,7 +140,7 @@ class AffordanceMap:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         if not self.differentiable:
             positions = positions.detach()
-        flat = positions.flatten(1, -2)
+        flat = positions.to(self.codes.dtype).flatten(1, -2)
         if len(self.codes) > len(flat):
             flat = by_world(flat, len(self.codes))
         # The arena becomes the square from -1 to 1.
@@ -156,7 +157,10 @@ def _codes_at_nodes(stack: Stack, world: VisibleLayout, spacing: float) -> Tenso
     """Codes of all members at the nodes of a grid over a world, `[M, Y, X, C]`."""
     # The smallest number of equal parts; the tolerance absorbs rounding of quotients that should be integers.
     parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in world.size]
-    x, y = (torch.linspace(0, length, num + 1) for length, num in zip(world.size, parts, strict=True))
+    x, y = (
+        torch.linspace(0, length, num + 1, dtype=torch.float32, device="cpu")
+        for length, num in zip(world.size, parts, strict=True)
+    )
     nodes = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).to(next(stack.parameters()).device)  # [Y, X, 2]
     rows = nodes.split(max(1, _NODES_AT_ONCE // len(x)))
     return torch.cat([stack.encode(take_apart(view(world, some)[None])) for some in rows], dim=1)

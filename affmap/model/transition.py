@@ -89,7 +89,7 @@ class MLP(TransitionModel):
             "output_shift": [0.0] * 2 + [-math.log(delta_scale)] * 2,
         }
         for name, values in constants.items():
-            self.register_buffer(name, torch.tensor(values), persistent=False)
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32, device="cpu"), persistent=False)
         self.input_factor: Tensor
         self.output_factor: Tensor
         self.output_shift: Tensor

@@ -33,7 +33,7 @@ def sizes(context_size: int) -> Sizes:
 
 def _placement() -> Tensor:
     """`[9, 16 * 4]`: 1 where a tap of a 3 x 3 kernel connects one of 4 x 4 inputs to one of 2 x 2 outputs."""
-    inputs = torch.eye(PER_SIDE**2).view(PER_SIDE**2, 1, PER_SIDE, PER_SIDE)
+    inputs = torch.eye(PER_SIDE**2, dtype=torch.float32, device="cpu").view(PER_SIDE**2, 1, PER_SIDE, PER_SIDE)
     return nn.functional.unfold(inputs, 3).permute(1, 0, 2).flatten(1)
 
 

@@ -91,7 +91,7 @@ def _sort(pixels: Tensor) -> tuple[Tensor, Tensor]:
 
 def words(pixels: Tensor) -> Tensor:
     """Pack `[..., k]` bool into as few numbers as hold it exactly: `[..., k / 22, rounded up]` float32."""
-    place = torch.arange(pixels.shape[-1], device=pixels.device)
+    place = torch.arange(pixels.shape[-1], dtype=torch.float32, device=pixels.device)
     word = torch.arange(math.ceil(len(place) / _BITS), device=pixels.device)
     weight = torch.where(place[:, None] // _BITS == word, 2.0 ** (place % _BITS)[:, None], 0.0)
     return pixels.float() @ weight

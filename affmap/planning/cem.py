@@ -69,7 +69,7 @@ class CEMPlanner(Settings):
 
     def initial(self, num_problems: int, device: torch.device | str = "cpu") -> CEMState:
         """Means at `initial_mean`, no elites."""
-        mean = torch.full((num_problems, self.horizon, 4), self.initial_mean, device=device)
+        mean = torch.full((num_problems, self.horizon, 4), self.initial_mean, dtype=torch.float32, device=device)
         return CEMState(mean, mean.new_empty(num_problems, 0, self.horizon, 4))
 
     def plan(self, objective: Objective, state: CEMState, generators: Generators) -> tuple[Plan, CEMState]:
@@ -130,12 +130,12 @@ class CEMPlanner(Settings):
 
     def _estimate(self, elites: Tensor, usable: Tensor, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance of the usable elites, `[B, E, H, 4]` and `[B, E]` bool, mixed with the old ones."""
-        weight = usable / usable.sum(1, keepdim=True).clamp_min(1)
+        weight = usable.to(mean) / usable.sum(1, keepdim=True).clamp_min(1)
         weight = weight[..., None, None]
         elite_mean = (weight * elites).sum(1)
         elite_variance = (weight * (elites - elite_mean[:, None]).square()).sum(1)
         # A problem none of whose candidates has a finite cost keeps its distribution.
-        momentum = torch.where(usable.any(1), self.momentum, 1.0)[:, None, None]
+        momentum = torch.full_like(mean[:, :1, :1], self.momentum).masked_fill(~usable.any(1)[:, None, None], 1.0)
         return torch.lerp(elite_mean, mean, momentum), torch.lerp(elite_variance, variance, momentum)
 
 

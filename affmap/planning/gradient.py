@@ -45,13 +45,14 @@ class GradientPlanner(Settings):
 
     def initial(self, num_problems: int, device: torch.device | str = "cpu") -> GradientState:
         """All throttles at `initial_action`."""
-        return GradientState(torch.full((num_problems, self.horizon, 4), self.initial_action, device=device))
+        shape = num_problems, self.horizon, 4
+        return GradientState(torch.full(shape, self.initial_action, dtype=torch.float32, device=device))
 
     def plan(self, objective: Objective, state: GradientState, generators: Generators) -> tuple[Plan, GradientState]:
         """Descend for at most `num_iterations` updates; see `Planner.plan`. Nothing is random here."""
         rates = self.learning_rates().to(state.actions.device)[:, None]  # [H, 1]
         actions = best = state.actions
-        cost = torch.full((len(actions),), torch.inf, device=actions.device)
+        cost = actions.new_full((len(actions),), torch.inf)
         active = torch.ones_like(cost, dtype=torch.bool)
         for iteration in range(self.num_iterations + 1):  # the last update, too, is kept only if it helps
             # NaN: a compiled objective skips finished problems.
@@ -70,7 +71,7 @@ class GradientPlanner(Settings):
 
         The formula printed in Appendix B makes them sum to the "mean learning rate"; this makes it their mean.
         """
-        weight = self.decay ** torch.arange(self.horizon - 1, -1, -1, dtype=torch.float32)
+        weight = self.decay ** torch.arange(self.horizon - 1, -1, -1, dtype=torch.float32, device="cpu")
         return self.learning_rate * weight / weight.mean()
 
     @staticmethod

@@ -48,4 +48,4 @@ def goal_std(position: Tensor, goal: Tensor, far: float, near: float, near_dista
         near_distance: u.
     """
     distance = torch.linalg.vector_norm(position - goal, dim=-1)
-    return torch.where(distance < near_distance, near, far)
+    return torch.full_like(distance, far).masked_fill(distance < near_distance, near)

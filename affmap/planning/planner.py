@@ -59,7 +59,7 @@ def evaluate(objective: Objective, actions: Tensor) -> Tensor:
     costs = objective(actions)
     if costs.shape != actions.shape[:2]:
         raise ValueError(f"the objective returned shape {list(costs.shape)}; it must be {list(actions.shape[:2])}.")
-    return costs.nan_to_num(nan=torch.inf, posinf=torch.inf, neginf=-torch.inf)
+    return costs.to(actions.dtype).nan_to_num(nan=torch.inf, posinf=torch.inf, neginf=-torch.inf)
 
 
 def shift(actions: Tensor) -> Tensor:

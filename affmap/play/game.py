@@ -146,7 +146,7 @@ class Game:
     @property
     def code(self) -> np.ndarray:
         """Context code at the vehicle's position, `[C]`."""
-        position = torch.tensor(self.past[-1], dtype=torch.float32)[None, None]
+        position = torch.from_numpy(self.past[-1]).float()[None, None]
         agent = self._pilot.agent
         assert isinstance(agent, Agent)
         return agent.lookup(position)[0, 0].numpy()

@@ -13,7 +13,7 @@ import torch
 from affmap.cli.app import command
 from affmap.control.pretrained import experiments
 from affmap.env.body import THROTTLES
-from affmap.env.rendering import BLACK, WHITE, Canvas
+from affmap.env.rendering import BLACK, WHITE, Canvas, open_window
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.play.game import BETAS, LOOKUPS, Game
@@ -70,22 +70,26 @@ class Window:
         self.paused, self.open = False, True
         self._held: Held | None = None
         _find_screen()
-        pygame.font.init()
-        pygame.display.set_caption(f"affmap: {game.source}")
         self._fit()
-        self._font, self._small = pygame.font.Font(None, 22), pygame.font.Font(None, 19)
         self._clock = pygame.time.Clock()
 
     def _fit(self) -> None:
         """Give the window the size of the world."""
         game = self.game
         self._canvas = Canvas(game.layout.size, window=False, pixels_per_unit=SCALE)
+        self._open()
+
+    def _open(self) -> None:
+        """Open the window, unless it is there; an environment that is closed takes it and the fonts with it."""
         width, height = self._canvas.surface.get_size()
-        self.screen = pygame.display.set_mode((width + PANEL, height + FOOT))
+        self.screen = open_window((width + PANEL, height + FOOT), f"affmap: {self.game.source}")
+        pygame.font.init()
+        self._font, self._small = pygame.font.Font(None, 22), pygame.font.Font(None, 19)
 
     def run(self) -> None:
         """Play until the window is closed."""
         while self.open:
+            self._open()
             for event in pygame.event.get():
                 self.handle(event)
             self.advance()

@@ -31,8 +31,9 @@ def losses(stack: Stack, batch: Batch) -> Tensor:
     """Mean NLL of each member on a batch, `[M]` in nats, without a gradient."""
     from affmap.compiled import training  # needs numba
 
-    result = torch.empty(len(stack.seeds))
-    training.losses(_arrays(_parameters(stack)), _layout(stack), _samples(stack, batch), result.numpy())
+    parameters = _parameters(stack)
+    result = parameters[0].new_empty(len(stack.seeds))
+    training.losses(_arrays(parameters), _layout(stack), _samples(stack, batch), result.numpy())
     return result + _constant(stack)
 
 
@@ -51,7 +52,7 @@ def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_nor
     states = [optimizer.state[parameter] for parameter in parameters]
     for parameter, state in zip(parameters, states, strict=True):
         if not state:
-            state["step"] = torch.zeros(())
+            state["step"] = parameter.new_zeros(())
             state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
     transition, vision = optimizer.param_groups[0], optimizer.param_groups[-1]
     norms = [_per_member(max_norm, len(stack.seeds)) for max_norm in max_norms]
@@ -67,7 +68,7 @@ def update(stack: Stack, batch: Batch, optimizer: torch.optim.Optimizer, max_nor
         max_norms=(norms[0], norms[-1]),
     )
     means, squares = (_arrays(state[moment] for state in states) for moment in ("exp_avg", "exp_avg_sq"))
-    result = torch.empty(len(stack.seeds))
+    result = parameters[0].new_empty(len(stack.seeds))
     own, places, data = _arrays(parameters), _layout(stack), _samples(stack, batch)
     training.update(own, means, squares, places, data, rule, result.numpy())
     return result + _constant(stack)

@@ -45,7 +45,7 @@ class TrainingModule(lightning.LightningModule):
             raise ValueError(f"a stack of {len(stack.seeds)} members cannot be {settings.num_trials} trials.")
         self.stack = stack
         self.settings = settings
-        empty = torch.full((settings.num_epochs, len(stack.seeds)), torch.nan)
+        empty = next(stack.parameters()).new_full((settings.num_epochs, len(stack.seeds)), torch.nan)
         self.register_buffer("training_nll", empty)
         self.register_buffer("validation_nll", empty.clone())
         self.training_nll: Tensor
@@ -121,7 +121,7 @@ class TrainingModule(lightning.LightningModule):
 
     def _per_member(self, values: tuple[float, ...]) -> Tensor:
         """Values of the members, `[M]`, from those of the trials."""
-        per_trial = torch.tensor(values, device=next(self.stack.parameters()).device)
+        per_trial = next(self.stack.parameters()).new_tensor(values)
         return per_trial.repeat_interleave(len(self.stack.seeds) // len(values))
 
     def _parts(self) -> list[tuple[nn.Module, PerTrial, PerTrial]]:

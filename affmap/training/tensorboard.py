@@ -6,8 +6,6 @@ They are those of the table of losses, summarised by quartiles over members.
 from pathlib import Path
 from typing import Self
 
-import torch
-
 from affmap.training.module import TrainingModule
 
 QUARTILES = {"lower_quartile": 0.25, "median": 0.5, "upper_quartile": 0.75}
@@ -32,9 +30,9 @@ class Board:
 
     def show(self, module: TrainingModule, num_epochs: int) -> None:
         """Write the losses of all new epochs up to `num_epochs`, including those before an interruption."""
-        levels = torch.tensor([*QUARTILES.values()])
         for name in ("training_nll", "validation_nll"):
             losses = getattr(module, name)[self._written : num_epochs].cpu()  # [epochs, M]
+            levels = losses.new_tensor([*QUARTILES.values()])
             trials = losses.unflatten(1, (module.settings.num_trials or 1, -1))
             for epoch, values in enumerate(trials, self._written + 1):
                 for trial, row in enumerate(values.quantile(levels, dim=1).T):

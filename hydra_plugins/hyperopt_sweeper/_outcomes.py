@@ -17,6 +17,11 @@ class Outcome(NamedTuple):
     raised: BaseException | None = None
     """The exception of the application, if that is the reason."""
 
+    @property
+    def crashed(self) -> bool:
+        """Whether the reason need not lie in the trial's values: any exception but a ValueError or ArithmeticError."""
+        return self.raised is not None and not isinstance(self.raised, (ValueError, ArithmeticError))
+
 
 def outcomes(jobs: Sequence[JobReturn], num: int, stacked: bool) -> list[Outcome]:
     """The outcomes of a batch.
@@ -27,10 +32,10 @@ def outcomes(jobs: Sequence[JobReturn], num: int, stacked: bool) -> list[Outcome
         stacked: whether one job returns a list of all results.
     """
     if not stacked:
-        return [_failure(job) or _outcome(job._return_value) for job in jobs]
+        return [_failed(job) or _outcome(job._return_value) for job in jobs]
     (job,) = jobs
-    if failure := _failure(job):
-        return [failure] * num
+    if failed := _failed(job):
+        return [failed] * num
     value = job._return_value
     try:
         results = list(value)
@@ -42,10 +47,14 @@ def outcomes(jobs: Sequence[JobReturn], num: int, stacked: bool) -> list[Outcome
     return [_outcome(result) for result in results]
 
 
-def _failure(job: JobReturn) -> Outcome | None:
+def _failed(job: JobReturn) -> Outcome | None:
     if job.status != JobStatus.FAILED:
         return None
-    error = job._return_value  # the public property writes to stderr
+    return failure(job._return_value)  # the public property writes to stderr
+
+
+def failure(error: BaseException) -> Outcome:
+    """The outcome of a trial that ended with an exception."""
     return Outcome(None, f"{type(error).__name__}: {error}", error)
 
 

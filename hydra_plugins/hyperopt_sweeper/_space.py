@@ -33,7 +33,7 @@ class SearchError(CompactHydraException):
 
 
 class TrialError(SearchError):
-    """A trial that failed for other reasons than its values; nothing of its batch is kept."""
+    """Trials that failed for other reasons than their values, more than allowed; nothing of their batch is kept."""
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,8 @@ class Trial:
     """The reason of a failure."""
     batch_seconds: float
     """Duration of its batch."""
+    crashed: bool = False
+    """Whether it failed for other reasons than its values; a line of the file says so only if it is true."""
 
     @property
     def status(self) -> Literal["ok", "fail"]:
@@ -87,7 +89,8 @@ def read(path: Path) -> tuple[dict[str, Any], list[Trial]]:
 
 def save(path: Path, search: Mapping[str, Any], trials: Sequence[Trial]) -> None:
     """Write all trials so far."""
-    body = "".join(f"{json.dumps(line)}\n" for line in [search, *map(asdict, trials)])
+    lines = [{key: value for key, value in asdict(trial).items() if key != "crashed" or value} for trial in trials]
+    body = "".join(f"{json.dumps(line)}\n" for line in [search, *lines])
     head = json.dumps({"sha256": hashlib.sha256(body.encode()).hexdigest()})
     _write(path, f"{head}\n{body}")
 

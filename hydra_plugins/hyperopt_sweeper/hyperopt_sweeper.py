@@ -20,7 +20,7 @@ from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
-from hydra_plugins.hyperopt_sweeper._outcomes import outcomes
+from hydra_plugins.hyperopt_sweeper._outcomes import failure, outcomes
 from hydra_plugins.hyperopt_sweeper._space import Point, SearchError, Space, TrialError, parse
 from hydra_plugins.hyperopt_sweeper._trials import TRIALS, Trial, load, save, write_results
 
@@ -62,6 +62,10 @@ class HyperoptConf:
     """Seed of all randomness."""
     initial: list[dict[str, Any]] = field(default_factory=list)
     """First trials: a value of each searched key."""
+    max_failures: int = 0
+    """Trials of the whole search that may fail for other reasons than their values, such as a lack of memory; one more
+    ends the search, and the next start tries it again. Where a process is killed, all of its batch have failed. A
+    ValueError or an ArithmeticError never ends a search."""
     stacked: bool = False
     """Whether a batch is one job, which gets a list of values for each searched key and returns as many results."""
     irrelevant: list[str] = field(default_factory=list)
@@ -121,7 +125,7 @@ class HyperoptSweeper(Sweeper):
         )
         while len(trials) < settings.num_trials:
             num = min(settings.batch_size, settings.num_trials - len(trials))
-            batch = self._run(space, [search.ask() for _ in range(num)], first=len(trials))
+            batch = self._run(space, [search.ask() for _ in range(num)], trials)
             for trial in batch:
                 search.tell(trial.trial, self._loss(trial.result))
             trials += batch
@@ -132,7 +136,7 @@ class HyperoptSweeper(Sweeper):
         self._finish(folder, trials)
 
     def _check_counts(self) -> None:
-        for key, least in {"num_trials": 1, "batch_size": 1, "num_startup": 1, "seed": 0}.items():
+        for key, least in {"num_trials": 1, "batch_size": 1, "num_startup": 1, "seed": 0, "max_failures": 0}.items():
             value = getattr(self.settings, key)
             if value < least:
                 raise SearchError(f"hydra.sweeper.{key} = {value} is not allowed; it should be {least} or more.")
@@ -151,7 +155,7 @@ class HyperoptSweeper(Sweeper):
         return space
 
     def _identity(self, space: Space) -> dict[str, Any]:
-        """The identity of the search that trials belong to; numbers of trials and batches do not count."""
+        """The identity of the search that trials belong to; numbers of trials, batches and failures do not count."""
         settings = self.settings
         return {
             "format": 1,
@@ -164,22 +168,36 @@ class HyperoptSweeper(Sweeper):
             "initial": settings.initial,
         }
 
-    def _run(self, space: Space, points: Sequence[Point], first: int) -> list[Trial]:
-        """Run a batch, whose first trial has the number `first`."""
+    def _run(self, space: Space, points: Sequence[Point], before: Sequence[Trial]) -> list[Trial]:
+        """Run a batch after the trials that were `before` it.
+
+        Raises:
+            TrialError: too many trials have failed for other reasons than their values.
+        """
         assert self.launcher is not None
-        stacked = self.settings.stacked
+        stacked, first = self.settings.stacked, len(before)
         jobs = [space.stacked(points)] if stacked else [space.overrides(point) for point in points]
         self.validate_batch_is_legal(jobs)
         start = time.perf_counter()
-        results = outcomes(self.launcher.launch(jobs, initial_job_idx=first), len(points), stacked)
+        try:
+            results = outcomes(self.launcher.launch(jobs, initial_job_idx=first), len(points), stacked)
+        except (
+            Exception
+        ) as error:  # a process or a cluster's job was killed, for lack of memory, say: nobody knows whose
+            results = [failure(error)] * len(points)
         seconds = round(time.perf_counter() - start, 3)
+        crashed = {number: outcome for number, outcome in enumerate(results, start=first) if outcome.crashed}
+        failures = sum(trial.crashed for trial in before) + len(crashed)
+        if crashed and failures > self.settings.max_failures:
+            numbers, outcome = ", ".join(map(str, crashed)), next(iter(crashed.values()))
+            raise TrialError(
+                f"Trial{'s' * (len(crashed) > 1)} {numbers} could not be run: {outcome.error}; run the same command to "
+                f"try again. If that never succeeds, add hydra.sweeper.max_failures={failures} to count this as failed."
+            ) from outcome.raised
         trials = []
         for number, (point, outcome) in enumerate(zip(points, results, strict=True), start=first):
-            if outcome.raised and not isinstance(outcome.raised, (ValueError, ArithmeticError)):
-                raise TrialError(
-                    f"Trial {number} could not be run: {outcome.error}; run the same command to try it again."
-                ) from outcome.raised
-            trials.append(Trial(number, dict(point), space.values(point), outcome.result, outcome.error, seconds))
+            values, (result, reason, _) = space.values(point), outcome
+            trials.append(Trial(number, dict(point), values, result, reason, seconds, outcome.crashed))
             if outcome.error:
                 log.warning(f"Trial {number} failed: {outcome.error}", exc_info=outcome.raised)
         return trials

@@ -267,3 +267,12 @@ def test_two_obstacles_block_more_and_twelve_less_than_six() -> None:
     """Experiment II, as the paper says; Dijkstra's shortest ways on a grid."""
     twelve, six, two = (shortest_way(name) for name in ("twelve_obstacles", "original", "two_obstacles"))
     assert 1 < twelve < six - 0.01 < two - 0.03
+
+
+def test_an_obstacle_may_stand_just_a_radius_from_a_start_corner() -> None:
+    """By hand, in binary fractions: the square ends at 0.25, the obstacle begins at 0.3125."""
+    obstacle = {"center": [0.75, 0.1875], "radius": 0.4375, "effect": "obstacle", "channel": "solid"}
+    layout = Layout.load("layout", "original", start_margin=0.125, start_side=0.125, circles=[obstacle])
+    layout.check_corners(0.0625)
+    with pytest.raises(ValueError, match=r"circles\[0\] .* blocks the start corner"):
+        layout.check_corners(0.0625 + 2**-20)

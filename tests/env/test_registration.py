@@ -10,12 +10,13 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces, wrappers
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from rollouts import actions, assert_bit_equal, rollout
 
-from affmap.env import Layout, Procedural, VehicleEnv, register
+from affmap.env import Layout, Procedural, Vehicle, VehicleEnv, register
 from affmap.env.registration import environments
-from affmap.settings import folder, read
+from affmap.settings import ConfigError, folder, read
 
 NAMES = {
     "affmap/Vehicle-v0": "original",
@@ -197,6 +198,44 @@ def test_gymnasium_s_wrappers_do_what_they_do(name: str) -> None:
     for action in actions(20):
         observation, *_ = normal.step(2 * action - 1)
         assert env.observation_space.shape == observation.shape and np.isfinite(observation).all()
+
+
+LAYOUTS = [Layout.load("layout", "two_obstacles"), Procedural.load("layout", "procedural_easy")]
+
+
+@pytest.mark.parametrize("layout", [*LAYOUTS, *(layout.plain for layout in LAYOUTS)])
+def test_a_specification_with_a_layout_can_be_stored_and_made_again(
+    layout: Layout | Procedural | dict[str, Any],
+) -> None:
+    """The flight of the first environment, from its settings and from their keys and values; in vectors, too."""
+    vehicle = Vehicle.load("vehicle", "default", thrust=3.0)
+    arguments: dict[str, Any] = {"layout": layout, "vehicle": vehicle, "goal_radius": 0.3}
+    env = wrappers.ClipAction(gymnasium.make("affmap/Vehicle-v0", max_episode_steps=7, **arguments))
+    assert env.spec is not None and isinstance(env.unwrapped, VehicleEnv)
+    made = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    assert made.spec == env.spec and env.unwrapped.vehicle == vehicle
+    assert isinstance(made, wrappers.ClipAction)
+    assert_bit_equal(*(rollout(one, 7, seed=3) for one in (env, made)))  # type: ignore[arg-type]
+    envs = gymnasium.make_vec("affmap/Vehicle-v0", num_envs=2, **arguments)
+    assert envs.spec is not None
+    again = gymnasium.make_vec(EnvSpec.from_json(envs.spec.to_json()))
+    assert again.spec == envs.spec and again.num_envs == 2
+    for one, other in zip(envs.reset(seed=3)[0].values(), again.reset(seed=3)[0].values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"layout": {**LAYOUTS[0].plain, "start_side": -1}}, "layout: start_side = -1 is not allowed: it should be"),
+        ({"layout": {**LAYOUTS[1].plain, "gap": "wide"}}, "layout: gap = 'wide' is not allowed: it should be"),
+        ({"layout": {}}, "layout: name is missing; add the key"),
+        ({"vehicle": {"mass": 1.0}}, "vehicle: radius is missing; add the key"),
+    ],
+)
+def test_mistakes_in_a_layout_s_keys_and_values_are_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        gymnasium.make("affmap/Vehicle-v0", **arguments)
 
 
 def test_a_video_can_be_recorded(tmp_path: Path) -> None:

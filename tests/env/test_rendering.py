@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pygame
 import pytest
@@ -142,20 +143,44 @@ def test_a_picture_is_the_caller_s_own() -> None:
     np.testing.assert_array_equal(picture(env), kept)
 
 
+def on_screen() -> np.ndarray:
+    """The picture in the window."""
+    surface = pygame.display.get_surface()
+    assert surface is not None
+    return pygame.surfarray.array3d(surface).transpose(1, 0, 2)
+
+
 def test_the_window_shows_the_same_picture_and_closes() -> None:
     """Against "rgb_array", after reset and after a step, without a call of `render`."""
     env, reference = made("human"), made()
     assert pygame.display.get_init()
     for _ in range(2):
-        surface = pygame.display.get_surface()
-        assert surface is not None
-        np.testing.assert_array_equal(pygame.surfarray.array3d(surface).transpose(1, 0, 2), picture(reference))
+        np.testing.assert_array_equal(on_screen(), picture(reference))
         for one in (env, reference):
             one.step(np.array([1.0, 0.5, 0, 0]))
     assert env.render() is None
     env.close()
     assert not pygame.display.get_init()
     env.close()
+
+
+def test_an_environment_flies_on_when_another_one_s_window_closes() -> None:
+    """Two of other sizes, one of Gymnasium's own, and all of pygame: the next step opens the window again."""
+    small = Layout.load("layout", "original", size=(2.0, 1.0), circles=[])
+    env, reference, other = made("human"), made(), VehicleEnv(small, render_mode="human")
+    cart = gymnasium.make("CartPole-v1", render_mode="human")
+    for one in (other, cart):
+        one.reset(seed=0)
+    for close in (other.close, cart.close, pygame.quit, lambda: other.step(np.zeros(4))):
+        close()
+        for one in (env, reference):
+            one.step(np.array([1.0, 0.5, 0, 0]))
+        np.testing.assert_array_equal(on_screen(), picture(reference))
+        assert pygame.display.get_caption()[0] == "affmap"
+    env.close()
+    other.step(np.zeros(4))
+    assert on_screen().shape == (200, 400, 3)
+    other.close()
 
 
 def test_without_a_mode_render_warns_and_gives_nothing() -> None:

@@ -1,5 +1,7 @@
 """Many vehicles in one process against Gymnasium's own vector of environments made one by one."""
 
+import copy
+import pickle
 from typing import Any
 
 import gymnasium
@@ -76,10 +78,30 @@ def test_options_are_everybody_s() -> None:
     np.testing.assert_array_equal(actual[0][1]["position"], [[2.0, 1.0]] * NUM_ENVS)
 
 
+def test_a_reset_begins_whole_episodes() -> None:
+    """By hand: after a reset in the middle of an episode of 7 steps, the seventh step is the last one."""
+    envs = make(None, max_episode_steps=7)
+    for _ in range(2):
+        assert [bool(step[3].all()) for step in flight(envs, 4, 0)[1:]] == [False] * 4
+    assert [bool(step[3].all()) for step in flight(envs, 7, 0)[1:]] == [False] * 6 + [True]
+
+
 @pytest.mark.parametrize("limit", [None, -1])
 def test_without_a_limit_no_episode_ends(limit: int | None) -> None:
     envs = VehicleVectorEnv(NUM_ENVS, limit)
     assert not any(step[3].any() for step in flight(envs, 230, 0)[1:])
+
+
+def test_a_copy_in_flight_flies_on_to_the_same_bits() -> None:
+    """Copies and pickles, in fog, beyond the end of an episode; the original afterwards."""
+    envs = make(None, "affmap/Fog-v0", max_episode_steps=7)
+    flight(envs, 4, 3)
+    copies = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), envs]
+    flown = [[one.step(np.full((NUM_ENVS, 4), throttle)) for throttle in np.linspace(0, 1, 9)] for one in copies]
+    for other in flown[:2]:
+        for mine, its in zip(other, flown[2], strict=True):
+            for one, expected in zip(mine, its, strict=True):
+                assert_equal(one, expected)
 
 
 def test_mistakes_are_named() -> None:

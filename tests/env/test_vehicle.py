@@ -1,6 +1,9 @@
 """The environment proves its contract: Gymnasium's checker, bit-equal rollouts, what is reported and rewarded."""
 
+import copy
 import math
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -172,7 +175,8 @@ def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> Non
     assert issubclass(ConfigError, ValueError)
 
 
-BAD_ACTIONS = [[math.nan, 0, 0, 0], [-0.1, 0, 0, 0], [0, 0, 0, 1.1], [0, 0, 0], [[0, 0, 0, 0]], [0, 0, 0, math.inf]]
+BAD_ACTIONS: list[Any] = [[math.nan, 0, 0, 0], [-0.1, 0, 0, 0], [0, 0, 0, 1.1], [-2e-6, 0, 0, 0], [0, 0, 1.000002, 0]]
+BAD_ACTIONS += [[0, 0, 0], [[0, 0, 0, 0]], [0, 0, 0, math.inf], []]
 
 
 @pytest.mark.parametrize("bad", BAD_ACTIONS, ids=str)
@@ -186,6 +190,23 @@ def test_a_bad_action_is_refused_and_nothing_is_lost(bad: list[float]) -> None:
         env.step(np.array(bad))
     np.testing.assert_array_equal(env.render(), reference.render())
     assert_bit_equal([env.step(action) for action in actions(9)], [reference.step(action) for action in actions(9)])
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Gymnasium's, on limits in double precision
+@pytest.mark.parametrize(("low", "high"), [(-0.3, 0.7), (0.1, 0.3), (-2.3, 1.7)])
+def test_throttles_that_rounding_puts_outside_their_limits_are_clipped(low: float, high: float) -> None:
+    """The flight with throttles of 0 and 1, which Gymnasium's own wrapper computes to 1.0000001 and -0.00000001."""
+    env, reference = VehicleEnv(), VehicleEnv()
+    scaled = gymnasium.wrappers.RescaleAction(env, np.float64(low), np.float64(high))
+    raw = [scaled.func(np.full(4, limit)) for limit in (low, high, *(scaled.action_space.high[:1]))]
+    assert min(map(np.min, raw)) < 0 or max(map(np.max, raw)) > 1
+    rollout(env, 5, seed=1)
+    rollout(reference, 5, seed=1)
+    for number in range(24):
+        throttles = np.roll([0.0, 1.0, 1.0, 0.0], number // 8)
+        _, reward, *_ = scaled.step(np.where(throttles, scaled.action_space.high if number % 2 else high, low))
+        assert ((env.action >= 0) & (env.action <= 1)).all()
+        assert reward == pytest.approx(reference.step(throttles)[1], abs=1e-5)
 
 
 def test_an_action_changed_afterwards_is_not_changed_in_the_environment() -> None:
@@ -250,6 +271,14 @@ def test_a_vehicle_at_rest_is_in_fog_or_not(acts: Acts, distances: dict[float, b
             np.testing.assert_allclose(info["position"], [1.5 + distance, 1.0], atol=1e-6)
 
 
+def test_fog_that_all_but_meets_the_rim_acts() -> None:
+    """By hand: `TOUCH`, ten roundings of single precision, around the distance of 0.46 u."""
+    env = VehicleEnv(world((1.0, 1.0, 0.4, "fog")))
+    for gap, in_fog in ((0.5 * 10 * 2**-23, True), (2 * 10 * 2**-23, False)):
+        _, info = env.reset(seed=0, options={"position": [1.46 + gap, 1.0]})
+        assert info["in_fog"] is in_fog
+
+
 def test_noise_is_standard_normal_and_doubles_its_variance_in_deltas() -> None:
     """Section 4.1: standard deviation 1 on each coordinate, sqrt(2) on the difference of two steps (fixed seeds)."""
     env = VehicleEnv(world((1.5, 1.0, 2.0, "fog")))
@@ -306,6 +335,14 @@ def test_info_tells_contact_and_arrival() -> None:
     assert seen == {(False, False), (True, False), (False, True)}
 
 
+def test_a_goal_at_the_radius_is_not_reached() -> None:
+    """By hand, in binary fractions: reached is what is nearer than `goal_radius`."""
+    env = VehicleEnv(goal_radius=0.25)
+    for x, reached in ((2.25, False), (2.25 - 2**-20, True)):
+        _, info = env.reset(seed=0, options={"position": [2.0, 1.0], "goal": [x, 1.0]})
+        assert info["reached"] is reached
+
+
 def test_a_step_before_reset_asks_for_reset() -> None:
     env = VehicleEnv(render_mode="rgb_array")
     for call in (lambda: env.step(np.zeros(4)), env.render):
@@ -321,3 +358,50 @@ def test_closing_twice_is_fine() -> None:
     env.close()
     env.close()
     np.testing.assert_array_equal(env.render(), picture)
+
+
+def pickled(env: Any) -> Any:
+    return pickle.loads(pickle.dumps(env))
+
+
+WEDGE = world((0.12, 0.62, 0.1, "obstacle"), (0.8, 0.5, 0.4, "fog"), (0.6, 0.9, 0.4, "force_down"))
+"""A vehicle at (0.06, 0.46) is wedged between border and obstacle; to the right lie fog and a field."""
+
+
+def test_a_copy_in_flight_flies_on_to_the_same_bits(tried: Callable[[str, int, str], None]) -> None:
+    """The undisturbed flight, noise included, however the original and further copies fly in the meantime.
+
+    The vehicle is pressed into the wedge at first, by forces that Box2D keeps from step to step.
+    """
+    flight = [*[np.array([0.1, 0.7, 0.6, 0.2])] * 20, *[np.array([1.0, 0.2, 0.1, 0.9])] * 20, *actions(40, seed=5)]
+    envs = [VehicleEnv(WEDGE) for _ in range(2)]
+    for env in envs:
+        env.reset(seed=4, options={"position": [0.06, 0.46]})
+    expected = [envs[0].step(action) for action in flight]
+    felt = {(info["touching"], info["in_fog"]) for *_, info in expected}
+    assert felt >= {(True, False), (False, True), (False, False)}
+    for number in range(60):
+        for copied in (copy.deepcopy, pickled):
+            other, further = copied(envs[1]), copied(envs[1])
+            further.step(np.zeros(4))
+            assert_bit_equal([other.step(action) for action in flight[number : number + 20]], expected[number:][:20])
+        assert_bit_equal([envs[1].step(flight[number])], [expected[number]])
+    tried("a copy or a pickle of an environment in contacts, in fog and in a field", 120, "the bits of the original")
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickled])
+def test_a_copy_of_a_wrapped_environment_goes_on_as_the_original(copied: Callable[[Any], Any]) -> None:
+    """Pictures, further resets of a drawn world, and the end of the episode; an environment before its reset, too."""
+    env = copied(gymnasium.make("affmap/ProceduralHard-v0", render_mode="rgb_array", max_episode_steps=12))
+    rollout(env, 5, seed=4)
+    env.render()
+    other = copied(env)
+    flights = []
+    for one in (env, other):
+        steps = [one.step(action) for action in actions(7)]
+        flights.append([*steps, *rollout(one, 3, seed=None)])
+    assert_bit_equal(*flights)
+    assert flights[0][6][3], "truncated"
+    np.testing.assert_array_equal(env.render(), other.render())
+    other.close()
+    env.render()

@@ -1,6 +1,7 @@
 import csv
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,10 +11,13 @@ from typing import Any
 
 import pytest
 import yaml
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
+from hydra.plugins.launcher import Launcher
 from omegaconf import DictConfig, OmegaConf
 
-from hydra_plugins.hyperopt_sweeper._space import SearchError
+from hydra_plugins.hyperopt_sweeper._space import SearchError, TrialError
 
 App = Callable[..., Path]
 Stored = Callable[[Path], list[dict[str, Any]]]
@@ -163,6 +167,67 @@ def test_failed_trials_are_named_and_do_not_stop_the_search(
     assert best(folder)["best_value"] == min(trial["result"] for trial in trials if trial["error"] is None)
 
 
+def hungry(config: DictConfig) -> float:
+    """An application without the memory for some of its values."""
+    if config.x > 0.5:
+        raise MemoryError("a large array")
+    return quadratic(config)
+
+
+def test_a_trial_that_never_succeeds_blocks_a_search_until_it_may_fail(app: App, stored: Stored) -> None:
+    """The search in which as many may fail from the beginning: one that is stopped at each failure, and goes on with
+    what its sentence says, makes the same trials."""
+    arguments = ["x=interval(0,1)", "hydra.sweeper.initial=[{x:0.9},{x:0.1},{x:0.8}]", "hydra.sweeper.num_startup=3"]
+    arguments += ["hydra.sweeper.num_trials=5", "hydra.sweeper.batch_size=2"]
+    whole = app(hungry, *arguments, "hydra.sweeper.max_failures=4", folder="whole")
+    failed = [number for number, trial in enumerate(stored(whole)) if trial["values"]["x"] > 0.5]
+    batches = {number // 2 for number in failed}
+    assert {0, 2} <= {*failed} and 1 not in failed
+    assert [number for number, trial in enumerate(stored(whole)) if trial["crashed"]] == failed
+    assert [row["status"] == "fail" for row in results(whole)] == [number in failed for number in range(5)]
+    assert best(whole)["best_params"]["x"] <= 0.5
+    allowed = "hydra.sweeper.max_failures=0"
+    for _ in batches:
+        with pytest.raises(TrialError, match=r"^Trials? \d.* could not be run: MemoryError: a large") as stopped:
+            app(hungry, *arguments, allowed, folder="stopped")
+        (allowed,) = re.findall(r"If that never succeeds, add (\S+=\d) to count this as failed\.", str(stopped.value))
+    assert stored(app(hungry, *arguments, allowed, folder="stopped")) == stored(whole)
+
+
+def test_failures_are_counted_over_all_starts_and_bad_values_are_none(app: App) -> None:
+    """By hand: a start after two failures has one left; a ValueError is no such failure."""
+    arguments = ["x=interval(0,1)", "hydra.sweeper.max_failures=3"]
+
+    def task(config: DictConfig) -> float:
+        raise {0: ValueError, 1: ZeroDivisionError}.get(HydraConfig.get().job.num, RuntimeError)("oh")
+
+    with pytest.raises(SearchError, match="All 4 trials failed"):
+        app(task, *arguments, "hydra.sweeper.num_trials=4")
+    with pytest.raises(TrialError, match=r"Trial 5 could not be run: RuntimeError: oh; .*max_failures=4 to"):
+        app(task, *arguments, "hydra.sweeper.num_trials=9")
+
+
+def test_a_killed_process_fails_its_batch(app: App, stored: Stored, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hand: joblib and clusters raise an error of their own; the batch is repeated, or counts as failed."""
+    basic: Any = next(each for each in Plugins.instance().discover(Launcher) if each.__name__ == "BasicLauncher")
+    launch, arguments = basic.launch, ["x=interval(0,1)", "hydra.sweeper.num_trials=3"]
+
+    def killed(self: Launcher, jobs: Any, initial_job_idx: int) -> Any:
+        if initial_job_idx == 1:
+            raise OSError("A worker was killed")
+        return launch(self, jobs, initial_job_idx)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(basic, "launch", killed)
+        with pytest.raises(TrialError, match=r"Trial 1 could not be run: OSError: A worker .*max_failures=1 to"):
+            app(quadratic, *arguments, folder="repeated")
+        failed = stored(app(quadratic, *arguments, "hydra.sweeper.max_failures=1", folder="failed"))
+    assert [trial["crashed"] for trial in failed] == [False, True, False]
+    repeated = stored(app(quadratic, *arguments, folder="repeated"))
+    assert [trial["values"] for trial in failed[:2]] == [trial["values"] for trial in repeated[:2]]
+    assert not any(trial["error"] for trial in repeated)
+
+
 def test_all_trials_fail(app: App) -> None:
     """Reference: written by hand."""
 
@@ -212,6 +277,7 @@ def test_group_choices(app: App, stored: Stored, tmp_path: Path) -> None:
         ),
         (["x=interval(0,1)", "hydra.sweeper.batch_size=-1"], "^hydra.sweeper.batch_size = -1 is not allowed"),
         (["x=interval(0,1)", "hydra.sweeper.seed=-1"], "it should be 0 or more"),
+        (["x=interval(0,1)", "hydra.sweeper.max_failures=-1"], "^hydra.sweeper.max_failures = -1 is not allowed"),
         (["x=interval(0,1)", "hydra.sweeper.initial=[{x:2}]"], r"^hydra.sweeper.initial\[0\]: x = 2 does not lie in"),
         (["x=interval(0,1)", "hydra.sweeper.algorithm=tpa"], "algorithm"),
         (["typo=interval(0,1)"], "Could not override 'typo'"),

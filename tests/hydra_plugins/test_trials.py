@@ -15,6 +15,7 @@ SEARCH = {"space": {"x": "interval(0.0,1.0)", "z": "choice(a,b)"}, "seed": 0}
 TRIALS = [
     Trial(0, {"x": 0.1 + 0.2, "z": 0}, {"x": 0.1 + 0.2, "z": "a"}, 1e-17, None, 0.5),
     Trial(1, {"x": 1e-300, "z": 1}, {"x": 1e-300, "z": "b"}, None, 'ValueError: "no",\nreally ö', 0.5),
+    Trial(2, {"x": 0.5, "z": 1}, {"x": 0.5, "z": "b"}, None, "MemoryError: ", 0.5, crashed=True),
 ]
 
 
@@ -113,6 +114,7 @@ def test_results(tmp_path: Path) -> None:
         ["trial", "status", "result", "batch_seconds", "x", "z"],
         ["0", "ok", "1e-17", "0.5", "0.30000000000000004", "a"],
         ["1", "fail", "", "0.5", "1e-300", "b"],
+        ["2", "fail", "", "0.5", "0.5", "b"],
     ]
     assert yaml.safe_load((tmp_path / "optimization_results.yaml").read_text()) == {
         "name": "hyperopt",

@@ -8,6 +8,7 @@ import pytest
 
 from affmap.env.rendering import WHITE
 from affmap.env.scene import LAYERS
+from affmap.env.vehicle import VehicleEnv
 from affmap.play import window
 from affmap.play.game import Game
 from affmap.play.window import SCALE, Window
@@ -142,6 +143,25 @@ def test_the_command_opens_a_window_and_closes_it(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(pygame.event, "get", events)
     window.main()
     assert frames == 5
+
+
+def test_the_game_goes_on_when_an_environment_has_closed_its_window(
+    shown: Window, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An environment beside it takes the window and closes it, then all of pygame: each time a whole frame."""
+    env = VehicleEnv(render_mode="human")
+    sizes = []
+
+    def events() -> list[pygame.event.Event]:
+        sizes.append(pygame.display.get_window_size())
+        return [pygame.event.Event(pygame.QUIT)]
+
+    monkeypatch.setattr(pygame.event, "get", events)
+    for disturb in (lambda: env.reset(seed=0), env.close, pygame.quit):
+        disturb()
+        shown.open = True
+        shown.run()
+    assert sizes == [(3 * SCALE + window.PANEL, 2 * SCALE + window.FOOT)] * 3
 
 
 def test_a_mistake_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -10,14 +11,22 @@ from torch import Tensor
 from torch.distributions import Normal
 
 from affmap.data.batches import Batch
+from affmap.model.registry import GRUSettings, MLPSettings, TransitionSettings
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.windows import take_apart
+from affmap.results.files import EVERYWHERE
 from affmap.training.module import TrainingModule, clip_per_member
 from affmap.training.settings import TrainingSettings
+from affmap.training.steps import step_losses, summarise
 
 
-def module(context_size: int = 3, seeds: tuple[int, ...] = (0, 1, 2), **changes: Any) -> TrainingModule:
-    stack = Stack(ModelSettings.load("model", "default", context_size=context_size), 1, seeds)
+def module(
+    context_size: int = 3,
+    seeds: tuple[int, ...] = (0, 1, 2),
+    transition: TransitionSettings = MLPSettings(kind="mlp"),  # noqa: B008
+    **changes: Any,
+) -> TrainingModule:
+    stack = Stack(ModelSettings.load("model", "default", context_size=context_size, transition=transition), 1, seeds)
     return TrainingModule(stack, TrainingSettings.load("training", "default", **changes))
 
 
@@ -37,6 +46,46 @@ def test_the_loss_is_the_mean_over_the_batch_of_the_sum_over_coordinates(context
     density = Normal(prediction.mean, prediction.log_std.exp()).log_prob(data.target)  # [M, B, T, 2]
     expected = -density.sum(-1).mean((1, 2))
     torch.testing.assert_close(trained.loss(data), expected)
+
+
+@pytest.mark.usefixtures("loops")
+@pytest.mark.parametrize("transition", [MLPSettings(kind="mlp"), GRUSettings(kind="gru")], ids=["MLP", "GRU"])
+@pytest.mark.parametrize("context_size", [0, 3])
+def test_a_validation_loss_is_the_mean_over_all_steps_not_over_batches_or_chunks(
+    context_size: int, transition: TransitionSettings
+) -> None:
+    """`torch.distributions` over whole sequences: batches of four and of one, whose losses are far apart, in chunks of
+    five steps and of two. Losses by kinds of steps have the same mean."""
+    trained = module(context_size, transition=transition)
+    generator = torch.Generator().manual_seed(0)
+    views = torch.rand(1, 5, 7, 1, 11, 11, generator=generator) < 0.3
+    delta, target = (0.1 * torch.randn(1, 5, 7, 2, generator=generator) for _ in range(2))
+    action = torch.rand(1, 5, 7, 4, generator=generator)
+    target[:, 4] *= 20
+    target[:, :, 5:] *= 5
+
+    def cut(sequences: slice, steps: slice) -> Batch:
+        key = slice(None), sequences, steps
+        return Batch(take_apart(views[key]), delta[key], action[key], target[key], is_first=steps.start == 0)
+
+    batches = [[cut(some, steps) for steps in (slice(0, 5), slice(5, 7))] for some in (slice(0, 4), slice(4, 5))]
+    trained.on_validation_epoch_start()
+    with torch.no_grad():
+        for number, batch in enumerate(batches):
+            trained.validation_step(batch, number)
+        trained.on_validation_epoch_end()
+        model, code = trained.stack.transition, trained.stack.encode(take_apart(views))
+        _, (mean, log_std) = model.unroll(model.initial(5), code, delta, action)
+    losses = -Normal(mean, log_std.exp()).log_prob(target).sum(-1)  # [M, B, T]
+    expected = losses.mean((1, 2))
+    chunks = [part.mean((1, 2)) for part in losses.split([5, 2], dim=2)]
+    halves = [part.mean((1, 2)) for part in losses.split([4, 1], dim=1)]
+    assert all((sum(each) / 2 - expected).abs().min() > 1 for each in (chunks, halves))
+    torch.testing.assert_close(trained.validation_nll[0], expected, rtol=1e-4, atol=1e-4)
+    by_step = step_losses(trained.stack, batches)
+    torch.testing.assert_close(by_step, losses, rtol=1e-4, atol=1e-4)
+    table = summarise(by_step, np.zeros((5, 7), int), ["original"] * 5, (0, 1, 2))
+    np.testing.assert_allclose(table.loc[table["world"] == EVERYWHERE, "mean"], expected, rtol=1e-4)
 
 
 def test_gradients_of_a_member_are_those_of_the_member_alone() -> None:
