@@ -23,6 +23,9 @@ FIXED = re.compile(r"hydra\.runtime\.(cwd\s*$|choices\.)")
 MOST_EXPANDED = 10_000
 """Most values and characters that interpolations may stand for: interpolations of interpolations multiply."""
 
+COPIES = ("hydra.overrides.task", "hydra.overrides.hydra", "hydra.job.override_dirname")
+"""Hydra's copies of the command line."""
+
 Place = tuple[str, ...]
 
 
@@ -33,7 +36,7 @@ def check(composed: Any) -> None:
         ConfigError: a value may be another the next time, or interpolations stand for too much.
     """
     tree = _as_mappings(OmegaConf.to_container(composed))
-    texts = dict(_texts(tree))
+    texts = {place: text for place, text in _texts(tree) if ".".join(place[:3]) not in COPIES}
     for place, text in texts.items():
         if place[0] != "hydra" and not _is_constant(text):
             raise ConfigError(

@@ -20,8 +20,8 @@ def load(text: str, name: str) -> Any:
     Raises:
         ConfigError: it is not plain YAML, a key stands twice, or aliases stand for too much; the message says where.
     """
-    loader = yaml.SafeLoader(text)
     try:
+        loader = yaml.SafeLoader(text)
         root = loader.get_single_node()
         if root is None:
             return None
