@@ -2,6 +2,7 @@
 
 import csv
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from stage_files import WriteGrowth, WriteStages
 
 from affmap import compiled
 from affmap.env.layout import Layout
+from affmap.settings import folder, read
 
 torch.set_num_threads(1)
 
@@ -48,6 +50,18 @@ def world() -> Layout:
     return stage_files.load_world("original")
 
 
+@pytest.fixture
+def own_conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the configuration folder, for all that reads it."""
+    conf = tmp_path / "conf"
+    shutil.copytree(folder(), conf)
+    for module in ("affmap.settings.base", "affmap.config.compose", "affmap.config.explain"):
+        monkeypatch.setattr(f"{module}.folder", lambda: conf)
+    read.cache_clear()
+    yield conf
+    read.cache_clear()
+
+
 TRIED = Path(__file__).parents[1] / "docs/tried.csv"
 """Table of the site: attacks on affmap, how often each was tried, and the outcome."""
 
@@ -69,7 +83,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput") or not terminal or "AFFMAP_FUZZ" in os.environ:
         return
     properties = [each for report in terminal.stats.get("passed", []) for each in report.user_properties]
-    rows = {attack: (str(times), outcome) for name, (attack, times, outcome) in properties if name == "tried"}
+    tries = [value for name, value in properties if name == "tried"]
+    rows = {attack: (str(times), outcome) for attack, times, outcome in tries}
     with TRIED.open(newline="", encoding="utf-8") as file:
         head, *known = csv.reader(file)
     published = {attack: (times, outcome) for attack, times, outcome in known}

@@ -35,7 +35,9 @@ class Registry:
         if not _kinds(settings):
             raise ValueError(f"{settings.__name__} has no field kind; give it one, such as kind: Literal['mine'].")
         if missing := [name for name in self._methods if not callable(getattr(settings, name, None))]:
-            raise ValueError(f"{settings.__name__} has no method {missing[0]}; give it one, see {self._package}.")
+            raise ValueError(
+                f"{settings.__name__} has no method {missing[0]}; give it one, see the registry of {self._package}."
+            )
         others = [
             each for each in self._registered if each.__qualname__ != settings.__qualname__
         ]  # else it is defined anew
