@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from affmap.config import sweep
-from affmap.settings import ConfigError
+from affmap.settings import ConfigError, read
 
 MINE = "name: mine\ntitle: Mine\n"
 
@@ -26,7 +26,7 @@ def told(*line: str) -> str:
         ("experiment/mine", f"{MINE}# @package _global_\n"),
         ("experiment/mine", f"# @package _global\n{MINE}"),
         ("experiment/mine", f"# @package experiment\n{MINE}"),
-        ("scale/mine", "members: 3\n"),
+        ("scale/mine", "members: 3\nnotice: null\n"),
         ("search/mine", "objective: success\n"),
     ],
 )
@@ -44,7 +44,7 @@ def test_a_file_without_its_package_line_is_named_with_the_line(own_conf: Path, 
 
 def test_a_file_that_another_builds_on_needs_the_line_as_well(own_conf: Path) -> None:
     (own_conf / "experiment/base.yaml").write_text(MINE)
-    (own_conf / "experiment/mine.yaml").write_text("# @package _global_\ndefaults: [base]\nseed: 3\n")
+    (own_conf / "experiment/mine.yaml").write_text("# @package _global_\ndefaults: [/experiment/base]\nseed: 3\n")
     assert told("experiment=mine") == (
         "conf/experiment/base.yaml should begin with the line `# @package _global_`; add it."
     )
@@ -61,6 +61,7 @@ def test_a_key_that_stands_twice_is_told_with_file_and_line(own_conf: Path, grou
     line = ["experiment=mine"] if group == "experiment" else ["world=mine"]
     assert len(sweep.jobs(sweep.complete(line))) == 1
     path.write_text(f"{text}{key}: {value}\n")
+    read.cache_clear()
     place = f"conf/{group}/mine.yaml, line {len(text.splitlines()) + 1}"
     assert f"{place}: the key {key!r} stands twice; keep one of the two." in told(*line)
 
