@@ -42,7 +42,8 @@ def check_aliases(text: str, name: str) -> None:
     """
     if "*" in text and "&" in text:  # else it has none
         with suppress(yaml.YAMLError, RecursionError):
-            _check_sizes(yaml.compose(text, Loader=yaml.SafeLoader), name)
+            if root := yaml.compose(text, Loader=yaml.SafeLoader):
+                _check_sizes(root, name)
 
 
 def _check_sizes(root: yaml.Node, name: str) -> list[yaml.Node]:
