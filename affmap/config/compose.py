@@ -121,7 +121,7 @@ def compose(overrides: Sequence[str]) -> Any:
 @lru_cache(maxsize=1)
 def _check_aliases(conf: Path, _modified: int) -> None:
     """Make sure that Hydra, which writes out all aliases, can read any file."""
-    for path in sorted(conf.rglob("*.yaml")):
+    for path in filter(Path.is_file, sorted(conf.rglob("*.yaml"))):
         plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), f"conf/{path.relative_to(conf)}")
 
 

@@ -17,7 +17,7 @@ KEY = re.compile(r"\$\{\s*(\.*)([^{}$:]+)\}")
 """An interpolation of another key: dots for one that is relative, and the key."""
 ENVIRONMENT = re.compile(r"\$\{\s*oc\.env\s*:[^{}$]*\}")
 """An interpolation of an environment variable."""
-FIXED = re.compile(r"hydra\.runtime\.(cwd\s*$|choices\.)")
+FIXED = re.compile(r"hydra\.runtime\.(cwd$|choices\.)")
 """Hydra's own keys that stay the same."""
 
 MOST_EXPANDED = 10_000
@@ -59,8 +59,14 @@ def refers_to_keys_only(text: str) -> bool:
 
 
 def _is_constant(text: str) -> bool:
-    changing = [key for _, key in KEY.findall(text) if key.startswith("hydra.") and not FIXED.match(key)]
+    places = [_parts(key) for _, key in KEY.findall(text)]
+    changing = [place for place in places if place[:1] == ["hydra"] and not FIXED.match(".".join(place))]
     return not changing and refers_to_keys_only(ENVIRONMENT.sub("", text))
+
+
+def _parts(key: str) -> list[str]:
+    """The parts of a key, written with dots or with brackets."""
+    return re.findall(r"[^.\[\]\s]+", key)
 
 
 def _as_mappings(value: Any) -> Any:
@@ -94,7 +100,7 @@ def _size(tree: Any, place: Place, sizes: dict[Place, int]) -> int:
         elif isinstance(value, str):
             for dots, key in KEY.findall(value):
                 start = place[: -len(dots)] if dots else ()
-                targets.append((*start, *re.findall(r"[^.\[\]\s]+", key)))
+                targets.append((*start, *_parts(key)))
         own = len(value) if isinstance(value, str) else 1
         sizes[place] = own + sum(_size(tree, target, sizes) for target in targets)
     return sizes[place]

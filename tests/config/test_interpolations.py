@@ -30,6 +30,8 @@ def told(line: Sequence[str]) -> str:
         "title=$\\{now\\:%S\\}",
         "title=${hydra.job.id}",
         "title='${ hydra.run.dir}'",
+        "title='${[hydra][run].dir}'",
+        "title=${hydra}",
         "title='${oc.create:\"a: &a [1]\"}'",
     ],
 )
