@@ -2,6 +2,7 @@
 
 import csv
 import os
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from stage_files import WriteGrowth, WriteStages
 
 from affmap import compiled
 from affmap.env.layout import Layout
+from affmap.settings import folder, read
 
 torch.set_num_threads(1)
 
@@ -47,6 +49,18 @@ def loops(request: pytest.FixtureRequest) -> Iterator[None]:
 def world() -> Layout:
     """The world of Experiment I."""
     return stage_files.load_world("original")
+
+
+@pytest.fixture
+def own_conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the configuration folder, for all that reads it."""
+    conf = tmp_path / "conf"
+    shutil.copytree(folder(), conf)
+    for module in ("affmap.settings.base", "affmap.config.compose", "affmap.config.explain"):
+        monkeypatch.setattr(f"{module}.folder", lambda: conf)
+    read.cache_clear()
+    yield conf
+    read.cache_clear()
 
 
 TRIED = Path(__file__).parents[1] / "docs/tried.csv"

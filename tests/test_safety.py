@@ -7,8 +7,10 @@ import io
 import json
 import os
 import pickle
-import shutil
+import shlex
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +20,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from commands import COMMANDS
 from matplotlib.figure import Figure
 
 from affmap.config import compose, sweep
@@ -34,7 +37,7 @@ from affmap.report.markdown import bullets, escape
 from affmap.results import manifest, provenance
 from affmap.results.setting import CONTEXT_SIZE, PLANNER, STAGES, ReportSettings, Setting
 from affmap.results.tables import Results
-from affmap.settings import ConfigError, read
+from affmap.settings import ConfigError
 from affmap.training.fit import fit, keep
 from affmap.training.settings import TrainingSettings
 
@@ -146,18 +149,6 @@ def test_a_checkpoint_to_resume_from(tmp_path: Path, canary: Path, kind: str) ->
     told(lambda: fit(stack(), data, settings, tmp_path, tmp_path), str(path))
 
 
-@pytest.fixture
-def own_conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A copy of the configuration folder, for all that reads it."""
-    conf = tmp_path / "conf"
-    shutil.copytree(Path(__file__).parents[1] / "conf", conf)
-    monkeypatch.setattr("affmap.settings.base.folder", lambda: conf)
-    monkeypatch.setattr("affmap.config.compose.folder", lambda: conf)
-    read.cache_clear()
-    yield conf
-    read.cache_clear()
-
-
 @pytest.mark.parametrize(
     ("file", "line"),
     [
@@ -178,6 +169,34 @@ def test_configuration_files_with_python_in_them(
         yaml.safe_load(f"{tag} ['{canary}']")
 
 
+BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
+    f"{new}: &{new} [{','.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+)
+"""Less than 400 bytes that mean 9^9 values, 400 million."""
+
+KINDS = {
+    "layout": ["world=mine"],
+    "layout of training": ["training_layouts=[mine]"],
+    "experiment": ["experiment=mine"],
+    "planner": ["planner=mine"],
+    "scale": ["scale=mine"],
+    "hydra/launcher": ["hydra/launcher=mine"],
+    "a file that is not chosen": [],
+}
+
+
+def test_files_that_explode(own_conf: Path, tried: Callable[[str, int, str], None]) -> None:
+    """Aliases of aliases in files that affmap reads and in those that Hydra reads; written out, they take hours."""
+    for kind, line in KINDS.items():
+        group = kind.partition(" ")[0] if line else "search"
+        path = own_conf / group / "mine.yaml"
+        path.write_text(f"# @package _global_\n{BOMB}")
+        with pytest.raises(ConfigError, match=rf"^conf/{group}/mine\.yaml has aliases that stand for more than 10000 "):
+            sweep.jobs(sweep.complete(line))
+        path.unlink()
+    tried("400 bytes of YAML aliases of aliases in a file of conf", len(KINDS), "a sentence with the file")
+
+
 @pytest.mark.parametrize("key", ["model", "planner", "training", "report", "vehicle"])
 def test_nothing_of_a_configuration_is_instantiated(own_conf: Path, canary: Path, key: str) -> None:
     """`_target_` in a group and in an experiment is an unknown key; Hydra calls it for its own plugins only."""
@@ -187,6 +206,104 @@ def test_nothing_of_a_configuration_is_instantiated(own_conf: Path, canary: Path
         )
         with pytest.raises(ConfigError, match="_target_"):
             sweep.jobs(line)
+
+
+TRAP = """
+import os, pathlib
+os.mkdir(pathlib.Path(__file__).with_name("canary"))
+"""
+
+
+@pytest.fixture
+def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The name of a module that makes the canary when it is imported."""
+    (tmp_path / "affmap_trap.py").write_text(TRAP)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield "affmap_trap"
+    sys.modules.pop("affmap_trap", None)
+
+
+def test_the_trap_of_the_module_works(tmp_path: Path, trap: str) -> None:
+    """On the user's own command line Hydra imports it."""
+    with suppress(ConfigError):
+        compose.compose([f"hydra.searchpath=[pkg://{trap}]"])
+    assert (tmp_path / "canary").is_dir()
+
+
+IGNORED = [
+    "hydra.searchpath=[pkg://affmap_trap]",
+    "++hydra.searchpath=[pkg://affmap_trap]",
+    "hydra={searchpath: [pkg://affmap_trap]}",
+    "hydra/launcher=slurm",
+    "hydra.launcher.n_jobs=${oc.env:HOME}",
+    "hydra.run.dir=/",
+    "~hydra.sweep",
+    "planner@hydra.sweeper=cem",
+    "planner@_global_.hydra.sweeper=cem",
+]
+REFUSED = {
+    "must not": [
+        "title=${oc.env:HOME}",
+        "'title=\"${oc.env:HOME}\"'",
+        "title=$\\{oc.env\\:HOME\\}",
+        "planner=${oc.env:HOME}",
+        "training_layouts=['${oc.env:HOME}']",
+        "sweep={seed: '${oc.env:HOME}'}",
+        "title='a','${oc.env:HOME}'",
+        "title='${now:%S}'",
+        "hydra.sweep.dir=${oc.env:HOME}",
+        "hydra.sweeper.num_trials=${oc.env:HOME}",
+    ],
+    "jobs": ["seed=range(1000000000)", "seed=range(0,1,1e-300)", "seed=range(1000) data.seed=range(1000)"],
+    "combinations of files": ["title=" + ",".join(f"'a {number}'" for number in range(1001))],
+    "corrupted": ["title=" + "[" * 30_000],
+    "cannot be read": ["title=" + "[" * 1000, "seed=shuffle(range(9))"],
+    "refers to": [" ".join(f"+x{depth}={f'${{x{depth + 1}}}' * 10}" for depth in range(9)) + " +x9=1"],
+}
+
+
+def test_a_note_of_a_sweep_reads_nothing_else_and_ends(
+    tmp_path: Path, canary: Path, trap: str, tried: Callable[[str, int, str], None]
+) -> None:
+    """Command lines in a stranger's folder: Hydra's own keys are ignored; what reads more, or never ends, is told."""
+    for line in IGNORED:
+        sweep.write_note(tmp_path, ["seed=1", line])
+        assert sweep.read_note(tmp_path) == ["seed=1"]
+    for told, lines in REFUSED.items():
+        for line in lines:
+            sweep.write_note(tmp_path, shlex.split(line) if line.startswith(("'", "seed", "+")) else [line])
+            with pytest.raises(ConfigError, match=told) as caught:
+                sweep.Sweep.read(sweep.read_note(tmp_path))
+            assert os.environ["HOME"] not in str(caught.value).replace(str(tmp_path), "")
+    number = len(IGNORED) + sum(map(len, REFUSED.values()))
+    tried("a command line in a stranger's folder that reads more than its own keys or never ends", number, "not obeyed")
+
+
+def test_a_note_of_one_s_own_is_read(tmp_path: Path) -> None:
+    """A sweep's keys, references to keys, and a search's keys; by hand."""
+    own = ["experiment=exp1", "title='${name}, once more'", "model.context_size=range(3)", "~baselines"]
+    search = ["hydra/sweeper=hyperopt", "hydra.sweeper.num_trials=3", "hydra.sweep.dir=here"]
+    sweep.write_note(tmp_path, [*own, *search, "hydra/launcher=basic"])
+    assert sweep.read_note(tmp_path) == [*own, *search]
+
+
+def test_a_note_that_is_no_file_is_not_read(tmp_path: Path) -> None:
+    """Reading a pipe would never end."""
+    (tmp_path / "jobs").mkdir()
+    os.mkfifo(tmp_path / sweep.NOTE)
+    with pytest.raises(ConfigError, match=r"jobs/sweep\.json is missing or corrupted"):
+        sweep.read_note(tmp_path)
+
+
+def test_the_status_of_a_stranger_s_folder_imports_nothing(
+    tmp_path: Path, canary: Path, trap: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Plain `affmap-status`, which looks at all that is in `runs`."""
+    sweep.write_note(tmp_path / "runs/evil", [f"hydra.searchpath=[pkg://{trap}]"])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["affmap-status"])
+    COMMANDS["affmap-status"]()
+    assert trap not in sys.modules and "A single setting" in capsys.readouterr().out
 
 
 def test_what_is_stored_with_a_stage_is_not_composed(tmp_path: Path, canary: Path) -> None:

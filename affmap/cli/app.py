@@ -67,7 +67,7 @@ def read_sweep(arguments: Sequence[str]) -> Sweep:
         ConfigError: a value is not allowed, or a member is in two jobs; the message gives a remedy.
     """
     sweep = Sweep.read(arguments)
-    check_members(sweep.configs)
+    check_members(sweep)
     return sweep
 
 

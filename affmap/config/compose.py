@@ -1,24 +1,23 @@
-"""The validated configuration of one job, composed by Hydra from its overrides; Hydra's errors become sentences."""
+"""The validated configuration of one job, composed by Hydra from its overrides."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import hydra
 from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from hydra.errors import OverrideParseException
 from omegaconf import OmegaConf
 
-from affmap.config import memory
+from affmap.config import interpolations, memory
+from affmap.config.explain import hydra_errors
 from affmap.config.root import Config, plain
-from affmap.settings import ConfigError, check_folder, folder, read
-from affmap.settings.messages import format_value, one_line
+from affmap.settings import ConfigError, check_folder, folder, plain_yaml
+from affmap.settings.messages import format_value
 
 FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
 LAUNCHER, WORKERS = "hydra.launcher", "hydra.launcher.n_jobs"
@@ -37,10 +36,34 @@ def check(overrides: Sequence[str]) -> Config:
     choices = composed.hydra.runtime.choices
     origins = {group: f"conf/{group}/{choice}.yaml or the command line" for group, choice in choices.items()}
     origins[""] = "the configuration"  # of checks of several keys
-    config = Config.checked(values(composed), "conf/config.yaml or the command line", origins)
+    plain_values = values(composed)
+    if unknown := plain_values.keys() - Config.model_fields.keys():
+        _check_packages(choices, unknown)
+    config = Config.checked(plain_values, "conf/config.yaml or the command line", origins)
     memory.check(config)
     check_launch(launch_settings(composed))
     return config
+
+
+def _check_packages(choices: Mapping[str, str | None], unknown: Collection[str]) -> None:
+    """Make sure that files of groups without a key of their own, such as experiments, set the keys of all.
+
+    Args:
+        choices: group -> chosen file.
+        unknown: keys of the configuration that should not be there.
+
+    Raises:
+        ConfigError: a file lacks the line that says so.
+    """
+    for group, choice in choices.items():
+        if not choice or "/" in group or group in Config.model_fields:
+            continue
+        # The chosen file may build on another one of its group.
+        others = sorted((folder() / group).rglob("*.yaml")) if group in unknown else []
+        for path in (folder() / group / f"{choice}.yaml", *others):
+            if path.is_file() and not re.match(r"\s*#\s*@package\s+_global_\s", path.read_text("utf-8")):
+                name = f"conf/{path.relative_to(folder())}"
+                raise ConfigError(f"{name} should begin with the line `# @package _global_`; add it.")
 
 
 def check_launch(settings: Mapping[str, Any]) -> None:
@@ -78,72 +101,39 @@ def parse(overrides: Sequence[str]) -> list[Override]:
     """The overrides of a command line."""
     with hydra_errors(), initialize_config_dir(str(folder()), version_base="1.3"):
         # The loader knows the groups that `glob(...)` chooses from.
-        return OverridesParser.create(GlobalHydra.instance().config_loader()).parse_overrides([*overrides])
+        parser = OverridesParser.create(GlobalHydra.instance().config_loader())
+        parser.functions.functions["shuffle"] = _shuffle
+        return parser.parse_overrides([*overrides])
+
+
+def _shuffle(*_: Any, **__: Any) -> NoReturn:
+    raise ValueError("it has another order each time it is read; write the order itself")
 
 
 def compose(overrides: Sequence[str]) -> Any:
     """Compose the overrides of one job, Hydra's own settings included; cached, so not to be changed."""
     files = [folder(), *folder().rglob("*")]
-    return _compose(tuple(overrides), folder(), max(path.stat().st_mtime_ns for path in files))
+    modified = max(path.stat().st_mtime_ns for path in files)
+    _check_aliases(folder(), modified)
+    return _compose(tuple(overrides), folder(), modified)
+
+
+@lru_cache(maxsize=1)
+def _check_aliases(conf: Path, _modified: int) -> None:
+    """Make sure that Hydra, which writes out all aliases, can read any file."""
+    for path in filter(Path.is_file, sorted(conf.rglob("*.yaml"))):
+        plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), f"conf/{path.relative_to(conf)}")
 
 
 @lru_cache(maxsize=64)
 def _compose(overrides: tuple[str, ...], conf: Path, _modified: int) -> Any:
     with hydra_errors(), initialize_config_dir(str(conf), version_base="1.3"):
-        return hydra.compose("config", [*overrides], return_hydra_config=True)
+        composed = hydra.compose("config", [*overrides], return_hydra_config=True)
+        interpolations.check(composed)
+        return composed
 
 
 def values(composed: Any) -> dict[str, Any]:
     """The plain values of a composed configuration, not validated."""
     with hydra_errors():
         return plain(composed)
-
-
-@contextmanager
-def hydra_errors() -> Iterator[None]:
-    """Turn whatever Hydra raises about a command line into a ConfigError with a remedy.
-
-    Only Hydra runs in the block. Its parser, its YAML and its interpolations let Python's own errors through:
-    ValueError for a step of 0, RecursionError for brackets in brackets, AttributeError for a group that is null.
-    """
-    try:
-        yield
-    except Exception as error:
-        raise ConfigError(_explain(error)) from None
-
-
-def _explain(error: Exception) -> str:
-    """Hydra's error as a sentence: a malformed override, an unknown key, an unknown option, or anything else."""
-    text = str(error) or str(error.__cause__ or "") or "Hydra gives no reason"
-    if isinstance(error, OverrideParseException):
-        reason = re.search(r"while (evaluating .*)", text)
-        remedy = one_line(reason[1]) if reason else "write key=value, with quotes around special characters"
-        return f"the override {format_value(error.override)} cannot be read: {remedy}."
-    if override := re.search(r"^Could not override '(.+)'\.\nTo append to your config", text):
-        return _explain_key(getattr(error.__cause__, "full_key", None) or override[1])
-    if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
-        path, group, options = choice.groups()
-        names = ", ".join([*options.split(), *_nested(group)])
-        return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
-    # Hydra's messages end in addresses, its own places and types, and name classes and columns.
-    text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|To append|\^)", text)[0]
-    text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
-    return f"this cannot be read: {one_line(text).rstrip('.')}."
-
-
-def _explain_key(key: str) -> str:
-    """A key that no configuration has, as a sentence; capitals are those of make's variables."""
-    key = one_line(key)
-    if key.isupper():
-        return (
-            f"{key} is a variable of make, as in make exp1 {key}=...; affmap takes overrides such as scale=smoke, "
-            "models=reference or hydra.launcher.n_jobs=1 instead."
-        )
-    return f"{key} is not a known key; correct its spelling."
-
-
-def _nested(group: str) -> list[str]:
-    """Options of a group that Hydra's list leaves out: files in its folders, but for those that are groups."""
-    groups = {key for entry in read(".", "config")["defaults"] if isinstance(entry, dict) for key in entry}
-    paths = [path.relative_to(folder()) for path in sorted(folder().glob(f"{group}/*/**/*.yaml"))]
-    return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in groups]

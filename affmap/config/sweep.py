@@ -5,6 +5,8 @@ An experiment names its sweep under `sweep`; a key that the command line sets is
 
 import json
 import math
+import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,19 +14,30 @@ from typing import NamedTuple
 from hydra.core.override_parser.types import Override, RangeSweep
 from pydantic import TypeAdapter
 
-from affmap.config.compose import compose, hydra_errors, parse, values
+from affmap.config.compose import compose, parse, values
+from affmap.config.explain import hydra_errors
+from affmap.config.interpolations import refers_to_keys_only
 from affmap.config.jobs import Checker, expand
 from affmap.config.root import Config
 from affmap.control.registry import is_learned
 from affmap.settings import ConfigError
-from affmap.settings.messages import one_line
+from affmap.settings.messages import format_value, one_line
 from affmap.store.files import write_json
 
 MAX_JOBS = 20_000
 """Most jobs of a command line; more must be a mistake. All are validated before the first one starts."""
 
+MAX_COMPOSED = 1000
+"""Most combinations of files and of texts with special characters, each of which takes Hydra a tenth of a second."""
+
 NOTE = "jobs/sweep.json"
 """File of an output folder with the overrides of the last sweep run into it."""
+
+LARGEST_NOTE = 30_000
+"""Most bytes of such a file; one of a thousand values has 5,000."""
+
+SEARCH_KEYS = ("hydra/sweeper", "hydra.sweep.dir")
+"""Keys of Hydra's that describe a search, besides those of its sweeper."""
 
 BASELINE_KEYS = ("control_layout", "world", "seed", "members")
 """Keys that baselines are swept over, too: layouts and members."""
@@ -113,18 +126,41 @@ def write_note(output: Path, overrides: Sequence[str]) -> None:
 
 
 def read_note(output: Path) -> list[str]:
-    """The overrides of the last sweep run into a folder.
+    """The overrides of the last sweep run into a folder, perhaps by somebody else.
+
+    Hydra's own are left out, but for those of a search.
 
     Raises:
-        ConfigError: there is no note, or it is corrupted.
+        ConfigError: there is no note, or it is corrupted, or it reads more than a configuration.
     """
     path = output / NOTE
     try:
-        return TypeAdapter(list[str]).validate_python(json.loads(path.read_text("utf-8"))["overrides"])
-    except (OSError, ValueError, KeyError, TypeError):
+        if not path.is_file() or path.stat().st_size > LARGEST_NOTE:
+            raise ValueError(path)
+        lines = TypeAdapter(list[str]).validate_python(json.loads(path.read_text("utf-8"))["overrides"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise ConfigError(
             f"{path} is missing or corrupted; give the overrides of the sweep instead, such as experiment=exp1."
         ) from None
+    overrides = [override for override in parse(lines) if not _is_hydra(override) or _is_of_search(override)]
+    for override in overrides:
+        if not refers_to_keys_only(repr(override.value())):
+            raise ConfigError(
+                f"{path}: {format_value(override.input_line)} reads more than keys of the configuration, which a file "
+                "must not; give the overrides of the sweep instead."
+            )
+    return [str(override.input_line) for override in overrides]
+
+
+def _is_hydra(override: Override) -> bool:
+    """Whether an override may change a key of Hydra's own."""
+    return "hydra" in re.split(r"[./]", f"{override.key_or_group}.{override.package}")
+
+
+def _is_of_search(override: Override) -> bool:
+    """Whether an override describes a search."""
+    key = override.key_or_group
+    return override.package is None and (key in SEARCH_KEYS or key.startswith("hydra.sweeper."))
 
 
 def complete(overrides: Sequence[str]) -> list[str]:
@@ -168,18 +204,29 @@ def jobs(overrides: Sequence[str]) -> list[Config]:
     """The configuration of each job of a command line whose sweep is written out.
 
     Raises:
-        ConfigError: a value is not allowed (the message names key, file, value and remedy), or there are no jobs or
-            more than `MAX_JOBS`.
+        ConfigError: a value is not allowed (the message names key, file, value and remedy) or given twice, or there are
+            no jobs or more than `MAX_JOBS` or `MAX_COMPOSED`.
     """
     parsed = parse(overrides)
+    swept = {override.key_or_group: override for override in parsed if override.is_sweep_override()}
     with hydra_errors():
-        counts = {override.key_or_group: _count(override) for override in parsed if override.is_sweep_override()}
+        counts = {key: _count(override) for key, override in swept.items()}
     number = math.prod(counts.values())
     if not 0 < number <= MAX_JOBS:
         values = " x ".join(f"{count} of {key}" for key, count in counts.items())
         raise ConfigError(f"the sweep has {number} jobs ({one_line(values)}); it should have 1 to {MAX_JOBS}.")
+    for override in swept.values():
+        if twice := [text for text, count in Counter(override.sweep_string_iterator()).items() if count > 1]:
+            raise ConfigError(f"{override.input_line} gives {twice[0]} twice; give each value once.")
+    assigned = expand(parsed)
+    composed = {tuple(each.line for each in job if not each.is_plain) for job in assigned}
+    if len(composed) > MAX_COMPOSED:
+        raise ConfigError(
+            f"the sweep has {len(composed)} combinations of files and of texts with special characters; it should have "
+            f"at most {MAX_COMPOSED}."
+        )
     checker = Checker()
-    return [checker.check(job) for job in expand(parsed)]
+    return [checker.check(job) for job in assigned]
 
 
 def swept_values(overrides: Sequence[str]) -> list[dict[str, str]]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # torch takes seconds to import
     from affmap.model.layers import Generators
     from affmap.model.transition import TransitionModel
 
-_registry = Registry("affmap.model")
+_registry = Registry("affmap.model", ("make",))
 
 register = _registry.register
 

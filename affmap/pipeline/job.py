@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from itertools import pairwise
-from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 
@@ -114,18 +113,20 @@ def check_logger(config: Config) -> None:
         )
 
 
-def check_members(configs: Sequence[Config]) -> None:
+def check_members(sweep: Sweep) -> None:
     """Make sure that each member of a setting is in one job only, since tables count it once.
 
     Raises:
         ConfigError: a member is in two jobs.
     """
-    jobs: dict[str, list[range]] = {}
+    jobs: dict[str, list[tuple[range, str]]] = {}
     rest = {*MAP.all_keys, *CONTROL.all_keys} - {"seed", "members"}
-    for config in configs:
-        jobs.setdefault(canonical(config.part(rest)), []).append(config.seeds)
-    for seeds in jobs.values():
-        for one, other in pairwise(sorted(seeds, key=attrgetter("start"))):
+    for config, label in zip(sweep.configs, sweep.labels, strict=True):
+        jobs.setdefault(canonical(config.part(rest)), []).append((config.seeds, label))
+    for same in jobs.values():
+        for (one, label), (other, other_label) in pairwise(sorted(same, key=lambda job: job[0].start)):
+            if one == other:
+                raise ConfigError(f"{label} and {other_label} have the same results; leave one of them out.")
             if other.start < one.stop:
                 raise ConfigError(
                     f"member {other.start} would be in two jobs (seed={one.start} members={len(one)} and "

@@ -7,7 +7,7 @@ from pydantic import PlainValidator
 from affmap.planning.planner import Planner
 from affmap.settings.registry import Registry
 
-_registry = Registry("affmap.planning")
+_registry = Registry("affmap.planning", ("initial", "plan"))
 
 register = _registry.register
 

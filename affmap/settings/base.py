@@ -12,7 +12,6 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -23,7 +22,8 @@ from pydantic import (
     model_validator,
 )
 
-from affmap.settings.messages import ConfigError, format_value, one_line, sentences
+from affmap.settings import plain_yaml
+from affmap.settings.messages import ConfigError, format_value, sentences
 from affmap.settings.types import NAME
 
 
@@ -135,7 +135,7 @@ def read(group: str, name: str) -> dict[str, Any]:
 
     Raises:
         ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is not
-            plain YAML.
+            plain YAML, see `affmap.settings.plain_yaml.load`.
     """
     path = folder() / group / f"{name}.yaml"
     options = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
@@ -144,9 +144,10 @@ def read(group: str, name: str) -> dict[str, Any]:
     if not path.is_file():
         raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {options}.")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"conf/{group}/{name}.yaml is not plain YAML: {one_line(str(error))}.") from None
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"conf/{group}/{name}.yaml is not plain YAML: {error}.") from None
+    content = plain_yaml.load(text, f"conf/{group}/{name}.yaml")
     if not isinstance(content, dict):
         raise ConfigError(f"conf/{group}/{name}.yaml holds {format_value(content)}; it should hold `key: value` lines.")
     return content

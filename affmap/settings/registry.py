@@ -1,6 +1,6 @@
 """Settings of several kinds that a configuration chooses from by their key `kind`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
@@ -16,9 +16,9 @@ S = TypeVar("S", bound=Settings)
 class Registry:
     """Kinds of settings: those of a folder of the package, and others that are registered."""
 
-    def __init__(self, package: str) -> None:
-        """Begin with none; a module of `package` is loaded when its kind is chosen."""
-        self._package = package
+    def __init__(self, package: str, methods: Sequence[str] = ()) -> None:
+        """Begin with none; a module of `package` is loaded when its kind is chosen. Each kind must have `methods`."""
+        self._package, self._methods = package, methods
         self._registered: list[type[Settings]] = []
 
     def register(self, settings: type[S]) -> type[S]:
@@ -28,12 +28,16 @@ class Registry:
         been imported.
 
         Raises:
-            ValueError: it has no field `kind`, or another class has this kind.
+            ValueError: it has no field `kind`, or another class has this kind, or a method is missing.
         """
         if not issubclass(settings, Settings):
             raise ValueError(f"{settings.__name__} is no Settings class; derive it from affmap.settings.Settings.")
         if not _kinds(settings):
             raise ValueError(f"{settings.__name__} has no field kind; give it one, such as kind: Literal['mine'].")
+        if missing := [name for name in self._methods if not callable(getattr(settings, name, None))]:
+            raise ValueError(
+                f"{settings.__name__} has no method {missing[0]}; give it one, see the registry of {self._package}."
+            )
         others = [
             each for each in self._registered if each.__qualname__ != settings.__qualname__
         ]  # else it is defined anew

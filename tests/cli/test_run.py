@@ -582,16 +582,16 @@ def test_a_configuration_that_cannot_be_run_is_not_printed(
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_in_the_middle_of_a_library_is_no_mistake(number: signal.Signals, status: int) -> None:
-    """One that stumbles while it is interrupted raises an error of its own, which `compose` would report as Hydra's."""
+    """One that stumbles while it is interrupted raises an error of its own, which would else be told as Hydra's."""
     program = f"""
 import os, signal
 from affmap.cli import app
-from affmap.config import compose
+from affmap.config import explain
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # where it is ignored from outside
 
 def body(arguments):
-    with compose.hydra_errors():
+    with explain.hydra_errors():
         try:
             os.kill(os.getpid(), {int(number)})
         finally:

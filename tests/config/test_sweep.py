@@ -2,10 +2,12 @@
 
 import itertools
 import re
+import shlex
 from collections.abc import Sequence
 
 import pytest
 
+from affmap.cli.app import read_sweep
 from affmap.config import sweep
 from affmap.config.sweep import Sweep
 from affmap.pipeline.stage import TRAIN
@@ -72,13 +74,33 @@ def test_several_experiments_at_once_are_refused(line: list[str]) -> None:
         sweep.complete(line)
 
 
+MEANING = "brackets, quotes, commas and = have a meaning of their own; complete it, or put quotes around text"
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         (["contextsize=3"], "contextsize is not a known key; correct its spelling."),
         (["model.contextsize=3"], "model.contextsize is not a known key; correct its spelling."),
         (["planner={a: 1}"], "planner.a is not a known key; correct its spelling."),
-        (["planner=gradient", "planner.num_elites=3"], "planner.num_elites is not a known key; correct its spelling."),
+        *(
+            (
+                [*line, f"planner.{key}=3"],
+                f"planner.{key} is a key of planner={planner} only, and not every job here has that; say "
+                f"planner={planner}, or leave the key out.",
+            )
+            for line, key, planner in [
+                (["planner=gradient"], "num_elites", "cem"),
+                (["experiment=exp1"], "num_elites", "cem"),  # it sweeps over both
+                (["experiment=exp1"], "decay", "gradient"),
+                ([], "decay", "gradient"),
+            ]
+        ),
+        (
+            ["agent=random", "agent.std=1"],
+            "agent.std is a key of agent=oracle and agent=true_deviation and agent=true_mean only, ",
+        ),
+        (["+seed=3"], "seed is a key already; leave out the +."),
         (
             ["experiment=exp1", "JOBS=1"],
             "JOBS is a variable of make, as in make exp1 JOBS=...; affmap takes overrides such as scale=smoke, "
@@ -91,8 +113,29 @@ def test_several_experiments_at_once_are_refused(line: list[str]) -> None:
         (["lookup="], "lookup = '' does not exist; there are: exact, map."),
         (["hydra/launcher=nope"], "hydra/launcher = 'nope' does not exist; there are: basic, joblib, slurm."),
         *(
-            ([line], f"the override {line!r} cannot be read: write key=value, with quotes around special characters.")
-            for line in ("model.context_size", "model.context_size=[1", "", "title=a\nb")
+            ([line], f"the override {line!r} cannot be read: {remedy}.")
+            for line, remedy in [
+                ("model.context_size", "write key=value, such as model.context_size=3"),
+                ("", "write key=value, such as model.context_size=3"),
+                ("größe=3", "write key=value, such as model.context_size=3"),
+                ("title=a\nb", "'\\n' does not print; leave it out"),
+                ("output=~/x", "a shell knows ~ at the beginning of a word only; write $HOME instead"),
+                ("output=a~b", "text with ~ needs quotes, as in 'output=\"a~b\"'"),
+                ("++title=Müller & Co.", "text with ü needs quotes, as in '++title=\"Müller & Co.\"'"),
+                ("output=[a;b]", "text with ; needs quotes"),
+                ("title=C:\\é", "text with é needs quotes"),
+                *(
+                    (line, MEANING)
+                    for line in (
+                        "model.context_size=[1",
+                        "title=a(b",
+                        "title='é",
+                        "title=a=b",
+                        "seed=1,,2",
+                        "title={a",
+                    )
+                ),
+            ]
         ),
         (["seed=range()"], "the override 'seed=range()' cannot be read: evaluating 'range()': missing a required "),
         (["title=${nope}"], "this cannot be read: Interpolation key 'nope' not found."),
@@ -107,6 +150,42 @@ def test_errors_of_hydra_name_the_override_and_a_remedy(line: list[str], message
 def test_the_options_of_a_group_include_files_in_folders() -> None:
     with pytest.raises(ConfigError, match=r"^experiment = 'exp99' does not exist; there are: exp1, .*, factors/beta, "):
         sweep.complete(["experiment=exp99"])
+
+
+@pytest.mark.parametrize("character", sorted({*"~!@#$%^&*()-_+={}[]|\\:;\"',.<>?/`éß€ "}))
+def test_the_advice_for_a_character_is_taken(character: str) -> None:
+    """A text that Hydra refuses is read in the quotes that the sentence shows, for a shell as `shlex` is one."""
+    try:
+        sweep.parse([f"title=a{character}b"])
+    except ConfigError as error:
+        advice = str(error).rpartition(", as in ")[2].removesuffix(".")
+        if character in "()[]{}=\"'":
+            assert "meaning of their own" in advice
+        else:
+            assert [each.value() for each in sweep.parse(shlex.split(advice))] == [f"a{character}b"]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("model.context_size=1,1", "model.context_size=1,1 gives 1 twice; give each value once."),
+        ("planner=choice(cem,gradient,cem)", "planner=choice(cem,gradient,cem) gives cem twice; give each value once."),
+        ("title='a b','a b'", "title='a b','a b' gives 'a b' twice; give each value once."),
+        (
+            "model.context_size=1,1.0",
+            "model.context_size=1 and model.context_size=1.0 have the same results; leave one of",
+        ),
+        ("output=a,b", "output=a and output=b have the same results; leave one of them out."),
+        (
+            "seed=0,5",
+            "member 5 would be in two jobs (seed=0 members=25 and seed=5 members=25); give each member to one, ",
+        ),
+    ],
+)
+def test_jobs_that_are_the_same_are_told_by_what_makes_them_so(line: str, message: str) -> None:
+    """A value that is given twice, values that mean the same, keys that results do not depend on, members."""
+    with pytest.raises(ConfigError, match=f"^{re.escape(message)}"):
+        read_sweep([line])
 
 
 @pytest.mark.parametrize("key", ["world", "control_layout", "map_layout", "training_layouts"])

@@ -80,6 +80,19 @@ def test_kinds_are_reported_apart() -> None:
         registry.register(Plain)  # type: ignore[type-var]
 
 
+def test_a_kind_without_a_method_that_it_needs_is_refused() -> None:
+    """When it is registered, not when a training begins."""
+
+    class Maker(Cat):
+        def make(self) -> int:
+            return 1
+
+    registry = Registry("affmap.store", ("make",))
+    with pytest.raises(ValueError, match=r"^Cat has no method make; give it one, see the registry of affmap\.store\.$"):
+        registry.register(Cat)
+    assert registry.register(Maker) is Maker
+
+
 def test_a_kind_is_found_in_the_module_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder of three modules: the one of the name alone is loaded, and all where the name does not tell."""
     folder = tmp_path / "zoo_of_kinds"

@@ -1,0 +1,107 @@
+"""Errors of Hydra and OmegaConf as sentences with a remedy."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from hydra.errors import OverrideParseException
+
+from affmap.settings import ConfigError, folder, read
+from affmap.settings.messages import format_value, one_line, shorten
+
+
+@contextmanager
+def hydra_errors() -> Iterator[None]:
+    """Turn whatever Hydra raises about a command line into a ConfigError with a remedy.
+
+    Only Hydra and checks of ours run in the block. Its parser, its YAML and its interpolations let Python's own errors
+    through: ValueError for a step of 0, RecursionError for brackets in brackets, AttributeError for a group that is
+    null.
+    """
+    try:
+        yield
+    except ConfigError:
+        raise
+    except Exception as error:
+        raise ConfigError(_explain(error)) from None
+
+
+def _explain(error: Exception) -> str:
+    """Hydra's error as a sentence: a malformed override, an unknown key, an unknown option, or anything else."""
+    text = str(error) or str(error.__cause__ or "") or "Hydra gives no reason"
+    if isinstance(error, OverrideParseException):
+        reason = re.search(r"while (evaluating .*)", text)
+        remedy = one_line(reason[1]) if reason else _explain_override(error.override)
+        return f"the override {format_value(error.override)} cannot be read: {remedy}."
+    if override := re.search(r"^Could not override '(.+)'\.\nTo append to your config", text):
+        return _explain_key(getattr(error.__cause__, "full_key", None) or override[1])
+    if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
+        path, group, options = choice.groups()
+        names = ", ".join([*options.split(), *_nested(group)])
+        return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
+    if present := re.search(r"An item is already at '(.+?)'", text):
+        return f"{one_line(present[1])} is a key already; leave out the +."
+    if twice := re.search(r'found duplicate key (.+)\n *in "(.+)", line (\d+)', text):
+        key, path, line = twice.groups()
+        return f"{_shorten(path)}, line {line}: the key {format_value(key)} stands twice; keep one of the two."
+    # Hydra's messages end in addresses, its own places and types, and name classes and columns.
+    text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|To append|\^)", text)[0]
+    text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)
+    return f"this cannot be read: {one_line(_shorten(text)).rstrip('.')}."
+
+
+def _shorten(text: str) -> str:
+    """A text with `conf` in place of the path of that folder."""
+    return text.replace(str(folder()), "conf")
+
+
+def _explain_override(override: str) -> str:
+    """The character that Hydra's grammar cannot place, and the remedy."""
+    key, equals, value = override.partition("=")
+    if not equals or not re.fullmatch(r"[~+]{0,2}[\w.$/@-]+", key, re.ASCII):
+        return "write key=value, such as model.context_size=3"
+    if hidden := [c for c in value if not c.isprintable()]:
+        return f"{hidden[0]!r} does not print; leave it out"
+    if value.startswith("~"):
+        return "a shell knows ~ at the beginning of a word only; write $HOME instead"
+    strange = re.search(r"[^\w/\\+.$%*@?|: \[\](){},=-]", value, re.ASCII)
+    if strange and strange[0] not in "'\"":
+        quoted = shlex.quote(f'{key}="{value}"')
+        example = "" if re.search(r"[\\\[\](){},='\"]", value) else f", as in {shorten(quoted, 200)}"
+        return f"text with {strange[0]} needs quotes{example}"
+    return "brackets, quotes, commas and = have a meaning of their own; complete it, or put quotes around text"
+
+
+def _explain_key(key: str) -> str:
+    """A key that no configuration has, as a sentence; capitals are those of make's variables."""
+    key = one_line(key)
+    if key.isupper():
+        return (
+            f"{key} is a variable of make, as in make exp1 {key}=...; affmap takes overrides such as scale=smoke, "
+            "models=reference or hydra.launcher.n_jobs=1 instead."
+        )
+    if options := _options_with(key):
+        return (
+            f"{key} is a key of {' and '.join(options)} only, and not every job here has that; say {options[0]}, or "
+            "leave the key out."
+        )
+    return f"{key} is not a known key; correct its spelling."
+
+
+def _options_with(key: str) -> list[str]:
+    """Options of a key's group whose files have it, as in `planner=cem`."""
+    place, _, name = key.rpartition(".")
+    group = place.replace(".", "/")
+    options = []
+    for path in sorted((folder() / group).glob("*.yaml")) if re.fullmatch(r"\w+(/\w+)*", group) else ():
+        with suppress(ConfigError):  # of a file with another mistake
+            options += [f"{group}={path.stem}"] if name in read(group, path.stem) else []
+    return options
+
+
+def _nested(group: str) -> list[str]:
+    """Options of a group that Hydra's list leaves out: files in its folders, but for those that are groups."""
+    groups = {key for entry in read(".", "config")["defaults"] if isinstance(entry, dict) for key in entry}
+    paths = [path.relative_to(folder()) for path in sorted(folder().glob(f"{group}/*/**/*.yaml"))]
+    return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in groups]

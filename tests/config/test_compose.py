@@ -1,0 +1,87 @@
+"""Composition of files that somebody adds to `conf`: mistakes in them are told with the file."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from affmap.config import sweep
+from affmap.settings import ConfigError, read
+
+MINE = "name: mine\ntitle: Mine\n"
+
+
+def told(*line: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        sweep.jobs(sweep.complete(line))
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("experiment/mine", MINE),
+        ("experiment/folder/mine", MINE),
+        ("experiment/mine", f"# My experiment.\n# @package _global_\n{MINE}"),
+        ("experiment/mine", f"{MINE}# @package _global_\n"),
+        ("experiment/mine", f"# @package _global\n{MINE}"),
+        ("experiment/mine", f"# @package experiment\n{MINE}"),
+        ("scale/mine", "members: 3\nnotice: null\n"),
+        ("search/mine", "objective: success\n"),
+    ],
+)
+def test_a_file_without_its_package_line_is_named_with_the_line(own_conf: Path, name: str, text: str) -> None:
+    """Missing, not the first line, or misspelt: the file's keys would be those of a group that no job has."""
+    path = own_conf / f"{name}.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
+    group, _, option = name.partition("/")
+    sentence = f"conf/{name}.yaml should begin with the line `# @package _global_`; add it."
+    assert told(f"{group}={option}") == sentence
+    path.write_text(f"# @package _global_\n{text.replace('@package', '')}")
+    assert len(sweep.jobs(sweep.complete([f"{group}={option}"]))) == 1, "the remedy helps"
+
+
+def test_a_file_that_another_builds_on_needs_the_line_as_well(own_conf: Path) -> None:
+    (own_conf / "experiment/base.yaml").write_text(MINE)
+    (own_conf / "experiment/mine.yaml").write_text("# @package _global_\ndefaults: [/experiment/base]\nseed: 3\n")
+    assert told("experiment=mine") == (
+        "conf/experiment/base.yaml should begin with the line `# @package _global_`; add it."
+    )
+
+
+@pytest.mark.parametrize("group", ["experiment", "layout"])
+def test_a_key_that_stands_twice_is_told_with_file_and_line(own_conf: Path, group: str) -> None:
+    """By Hydra's reader, and by ours, which would take the last one: another world."""
+    text = (own_conf / "layout/original.yaml").read_text().replace("name: original", "name: mine")
+    text = f"# @package _global_\n{MINE}" if group == "experiment" else text
+    key, value = ("title", "Mine again") if group == "experiment" else ("circles", "[]")
+    path = own_conf / group / "mine.yaml"
+    path.write_text(text)
+    line = ["experiment=mine"] if group == "experiment" else ["world=mine"]
+    assert len(sweep.jobs(sweep.complete(line))) == 1
+    path.write_text(f"{text}{key}: {value}\n")
+    read.cache_clear()
+    place = f"conf/{group}/mine.yaml, line {len(text.splitlines()) + 1}"
+    assert f"{place}: the key {key!r} stands twice; keep one of the two." in told(*line)
+
+
+def test_what_a_key_merges_may_be_overridden(own_conf: Path) -> None:
+    """In a file that Hydra reads; the value by hand."""
+    (own_conf / "experiment/mine.yaml").write_text(
+        "# @package _global_\nmodel: {context_size: 2}\ntraining: {<<: {num_epochs: 3}, num_epochs: 4}\n"
+    )
+    (job,) = sweep.jobs(["experiment=mine"])
+    assert (job.model.context_size, job.training.num_epochs) == (2, 4)
+
+
+def test_a_value_of_a_file_that_changes_is_refused(own_conf: Path) -> None:
+    (own_conf / "experiment/mine.yaml").write_text(f"# @package _global_\n{MINE}seed: ${{now:%S}}\n")
+    assert re.match(r"seed = '\$\{now:%S\}' may be another value each time it is read; ", told("experiment=mine"))
+
+
+def test_errors_of_yaml_name_the_file_as_it_is_called(own_conf: Path) -> None:
+    """Not by its place on this machine."""
+    (own_conf / "experiment/mine.yaml").write_text("# @package _global_\ntitle: [\n")
+    message = told("experiment=mine")
+    assert 'in "conf/experiment/mine.yaml", line 3' in message and str(own_conf) not in message
