@@ -71,7 +71,7 @@ def save(figure: Figure, path: Path, notice: str | None) -> None:
 
 
 def _take_text_as_it_is(figure: Figure) -> None:
-    """Let dollars be dollars in all texts, but for the powers along logarithmic axes, which Matplotlib itself writes."""
+    """Let dollars be dollars in all texts, but for powers along logarithmic axes, which Matplotlib itself writes."""
     axes = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
     powers = {
         label
@@ -84,7 +84,11 @@ def _take_text_as_it_is(figure: Figure) -> None:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Place everything once, for all files: where the solver's last digits differ, identifiers in an SVG would, too."""
+    """Place everything once, for all files, on a grid much finer than a pixel.
+
+    The solver (kiwisolver) adds its terms in the order of their addresses in memory. So its last digits differ from
+    process to process, and with them identifiers in an SVG and pixels at the edge between two.
+    """
     resolution = figure.dpi
     figure.set_dpi(DPI)  # texts are measured in pixels
     figure.draw_without_rendering()

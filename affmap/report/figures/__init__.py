@@ -5,7 +5,6 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-
 from affmap.report.drawing.files import Drawn, save, save_svg, style
 from affmap.results.setting import ReportSettings
 from affmap.results.tables import Results
