@@ -102,8 +102,10 @@ def test_neither_a_notebook_nor_the_last_digits_of_a_layout_get_into_reports(
             part.bbox_relative.set_points(points * (1 + rng.normal(0, 1e-15, points.shape)))
 
     monkeypatch.setattr(ConstrainedLayoutEngine, "execute", noisy)
-    display = ["display.precision", 1, "display.max_rows", 2, "display.float_format", "{:.0f}".format]
-    with mpl.rc_context(), pd.option_context(*display), np.printoptions(precision=1, threshold=2):
+    display = pd.option_context(
+        {"display.precision": 1, "display.max_rows": 2, "display.float_format": "{:.0f}".format}
+    )
+    with mpl.rc_context(), display, np.printoptions(precision=1, threshold=2):
         sns.set_theme("poster", "darkgrid", "dark", "serif", 3.0)
         mpl.rcParams.update(mpl.rc_params_from_file(drawn / "matplotlibrc", use_default_template=False))
         report(drawn / "stages", drawn / "3")
