@@ -171,6 +171,4 @@ class ReportSettings(Settings):
         for key, name in value.items():
             if name.startswith("_"):
                 raise ValueError(f"has {name!r} for {key}; begin it with another character, since legends leave it out")
-            if same := [other for other in value if other != key and value[other] == name]:
-                raise ValueError(f"has {name!r} for both {key} and {same[0]}; give each a name of its own")
         return value

@@ -253,7 +253,6 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.claims", "exp6", "there are: exp1, exp2"),
     ("report.names", "EB", "valid dictionary"),
     ("report.names", {"cem": "_EB"}, "begin it with another character, since legends leave it out"),
-    ("report.names", {"cem": "A", "gradient": "A"}, "has 'A' for both cem and gradient; give each a name of its own"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
     ("report.paper_figures", 4, "valid dictionary"),
     ("report.axes", [0, 1], "valid dictionary"),
