@@ -31,9 +31,10 @@ class Palette(NamedTuple):
         """Fit a palette to a sample of codes `[nodes, C]`.
 
         The components come from the covariance (float64, largest first); a component's sign is fixed so that its
-        loading of largest magnitude is positive. With fewer than two nodes nothing varies.
+        loading of largest magnitude is positive. Nodes whose code is not finite are left out; with fewer than two
+        others nothing varies.
         """
-        values = sample.astype(np.float64)
+        values = sample[np.isfinite(sample).all(axis=1)].astype(np.float64)
         if len(values) < 2 or values.shape[1] == 0:
             return cls(np.zeros(values.shape[1]), np.zeros((values.shape[1], 0)), np.zeros(0), np.zeros(0))
         basis = principal_components(values)[:, :3]
@@ -41,12 +42,16 @@ class Palette(NamedTuple):
         return cls(values.mean(axis=0), basis, low, np.where(high - low > rounding(values), high, low))
 
     def __call__(self, codes: Floats) -> Floats:
-        """Colours `[..., 3]` in [0, 1] of codes `[..., C]`; missing channels (C < 3) are a neutral 0.5."""
+        """Colours `[..., 3]` in [0, 1] of codes `[..., C]`.
+
+        Missing channels (C < 3), and codes that are not finite, are a neutral 0.5.
+        """
         colors = np.full((*codes.shape[:-1], 3), 0.5)
-        projected = (codes - self.mean) @ self.basis
+        known = np.isfinite(codes).all(axis=-1, keepdims=True)
+        projected = (np.where(known, codes, self.mean) - self.mean) @ self.basis
         varies = self.high > self.low
         scaled = (projected - self.low) / np.where(varies, self.high - self.low, 1.0)
-        colors[..., : len(self.low)] = np.where(varies, scaled.clip(0.0, 1.0), 0.5)
+        colors[..., : len(self.low)] = np.where(varies & known, scaled.clip(0.0, 1.0), 0.5)
         return colors
 
 

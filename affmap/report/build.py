@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+from affmap.report.markdown import code, escape
 from affmap.results import manifest
 from affmap.settings.messages import ConfigError
 
@@ -66,8 +67,8 @@ def check(report: Report) -> None:
 
 def markdown_page(path: Path, title: str, notice: str | None, command: str, text: str) -> None:
     """Write a page in Markdown: title, notice, the command that makes it, and its text."""
-    heading = f"**{notice}**\n\n" if notice else ""
-    write_text(path, f"# {title}\n\n{heading}`{command}`\n\n{text}")
+    heading = f"**{escape(notice)}**\n\n" if notice else ""
+    write_text(path, f"# {escape(title)}\n\n{heading}{code(command)}\n\n{text}")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -65,6 +65,7 @@ class Content:
             escape(sentence)
             for sentence in (
                 *sentences.changes(results, settings),
+                *sentences.diverged(results),
                 *sentences.bounds(results, settings),
                 *sentences.mixtures(results, settings),
                 *sentences.uncrossable(results, settings),

@@ -13,7 +13,8 @@ from affmap.settings import ConfigError
 
 _DIRECTIVE = re.compile(r"\{\{(.*?)\}\}")
 _SPECIAL = re.compile(r"[\\`*_{}\[\]#]")
-_ENTITIES = {"&": "&amp;", "<": "&lt;", ">": "&gt;", "|": "&#124;"}
+_ENTITIES = {"&": "&amp;", "<": "&lt;", ">": "&gt;", "|": "&#124;", "$": "&#36;", "~": "&#126;"}
+"""Of these, dollars and tildes are markup on GitHub, and a backslash before them is not known everywhere."""
 
 
 def fill(path: Path, content: object, folders: Sequence[Path]) -> str:
@@ -95,6 +96,17 @@ def escape(text: str) -> str:
     for character, entity in _ENTITIES.items():
         marked = marked.replace(character, entity)
     return re.sub(r"^(\d*)([-+.)])(?=\s|$)", r"\1\\\2", marked)  # no list begins here
+
+
+def escape_name(text: str) -> str:
+    """Text as by `escape`, but with underscores within words, where they are no markup."""
+    return re.sub(r"(?<=\w)\\_(?=\w)", "_", escape(text))
+
+
+def code(text: str) -> str:
+    """Text as one line of code in Markdown, between more backticks than there are in it."""
+    fence = "`" * (1 + max(map(len, re.findall("`+", text)), default=0))
+    return f"{fence}{text}{fence}" if fence == "`" else f"{fence} {text} {fence}"
 
 
 def bullets(items: Iterable[str]) -> str:

@@ -70,6 +70,19 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
     return sentences
 
 
+def diverged(results: Results) -> list[str]:
+    """Number of members whose last validation loss is not a finite number, by training; empty if there are none."""
+    factor, last = results.training_factor, results.last_epoch
+    lost = (~np.isfinite(last["validation_nll"])).groupby(last[factor.column], sort=False).agg(["sum", "size"])
+    parts = [f"{some} of {every} at {factor.format(value)}" for value, some, every in lost.itertuples() if some]
+    if not parts:
+        return []
+    return [
+        f"Trainings have diverged, and end with a validation loss that is not a finite number: {listed(parts)}. Their "
+        "numbers are missing from figures and medians, and their maps are grey."
+    ]
+
+
 def bounds(results: Results, settings: ReportSettings) -> list[str]:
     """Results of agents without a learned model, one sentence each."""
     runs, metric = results.baseline_runs, settings.outcome

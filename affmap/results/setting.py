@@ -164,3 +164,11 @@ class ReportSettings(Settings):
         if value is not None and value not in known:
             raise ValueError(f"names no folder of affmap/experiments with claims; there are: {', '.join(known)}")
         return value
+
+    @field_validator("names")
+    @classmethod
+    def _check_names(cls, value: Mapping[str, str]) -> Mapping[str, str]:
+        for key, name in value.items():
+            if name.startswith("_"):
+                raise ValueError(f"has {name!r} for {key}; begin it with another character, since legends leave it out")
+        return value

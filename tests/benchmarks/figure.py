@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from measure import Result
 
-from affmap.report.drawing.files import STYLE, WIDTH
+from affmap.report.drawing.files import WIDTH, style
 
 HEADING: Any = {"fontsize": 7.5, "fontweight": "bold"}
 SLOWER, FASTER = "#0072B2", "#E69F00"  # Okabe and Ito
@@ -21,7 +20,7 @@ SLOWER, FASTER = "#0072B2", "#E69F00"  # Okabe and Ito
 
 def write(results: Sequence[Result], growth: pd.DataFrame | None, folder: Path) -> None:
     """Draw, and save as PNG to look at and as PDF to print."""
-    with rc_context(STYLE):
+    with style():
         figure = draw(results, growth)
         figure.savefig(folder / "bench.png", dpi=200, metadata={"Software": None})
         figure.savefig(folder / "bench.pdf", metadata={"CreationDate": None})

@@ -252,6 +252,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.color", 3, "valid string"),
     ("report.claims", "exp6", "there are: exp1, exp2"),
     ("report.names", "EB", "valid dictionary"),
+    ("report.names", {"cem": "_EB"}, "begin it with another character, since legends leave it out"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
     ("report.paper_figures", 4, "valid dictionary"),
     ("report.axes", [0, 1], "valid dictionary"),
@@ -268,7 +269,7 @@ def test_a_bad_value_is_named_with_its_key_and_what_would_be_right(
     message = str(caught.value)
     assert "\n" not in message and message.startswith("the test: ")
     assert key.rpartition(".")[2] in message and problem in message
-    assert isinstance(value, list) or str(value) in message
+    assert isinstance(value, list | dict) or str(value) in message
     assert "pydantic" not in message and "https" not in message
 
 

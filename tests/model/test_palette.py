@@ -29,6 +29,16 @@ def test_what_does_not_vary_is_grey(sample: np.ndarray) -> None:
     assert (Palette.fit(sample)(np.random.default_rng(0).normal(size=(4, sample.shape[1]))) == 0.5).all()
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_codes_that_are_not_finite_are_grey_and_change_no_other_colour(value: float) -> None:
+    """The same alone."""
+    sample = np.random.default_rng(4).normal(size=(30, 4)).astype(np.float32)
+    lost = np.concatenate([sample, np.full((2, 4), value, np.float32)])
+    painted = Palette.fit(lost)(lost)
+    np.testing.assert_array_equal(painted[:30], Palette.fit(sample)(sample))
+    assert (painted[30:] == 0.5).all() and (Palette.fit(lost[30:])(lost[30:]) == 0.5).all()
+
+
 EVERYWHERE = np.ones((4, 5), dtype=bool)
 
 

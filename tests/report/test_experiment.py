@@ -5,12 +5,14 @@ import io
 import json
 import re
 import shutil
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import matplotlib.image
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
@@ -20,7 +22,7 @@ from affmap.experiments import ROOMS, claims_about, open_room
 from affmap.experiments.paper.report import Chapter, PaperReport
 from affmap.report import build, page, sentences
 from affmap.report.drawing import files
-from affmap.report.experiment import ExperimentReport
+from affmap.report.experiment import ExperimentReport, Room
 from affmap.results import manifest, provenance
 from affmap.results.numbers import NOTHING, counted, listed, number, points, span
 from affmap.results.scores import score
@@ -296,6 +298,59 @@ def test_an_experiment_of_ones_own_has_no_claims(results: dict[str, Results], tm
     text = Page(tmp_path / "report.html").text
     assert "claim" not in text and "Median mean distance" in text
     assert not list(tmp_path.glob("tables/claims.*")) and not (tmp_path / "figures" / "maps.png").exists()
+
+
+def spoil(stages: Path, value: float) -> None:
+    """Put one value in place of everything that the models of some stages have computed, on maps of two rows."""
+    columns = ["validation_nll", "training_nll", "mean", "median", "prediction_error"]
+    for path in stages.rglob("*.csv"):
+        table = pd.read_csv(path)
+        table.assign(**{column: value for column in columns if column in table}).to_csv(path, index=False)
+    for path in stages.rglob("*.npz"):
+        with np.load(path) as file:
+            arrays = dict(file)
+        if "codes" in arrays or "std" in arrays:
+            arrays["y"] = arrays["y"][::100]
+        for name in ("codes", "initial_codes", "snapshot_codes", "std"):
+            if name in arrays:
+                arrays[name] = np.full_like(arrays[name][..., ::100, :, :], value)
+        for name in ("planned_position", "planned_std", "prediction_error"):
+            if name in arrays:
+                arrays[name] = np.full_like(arrays[name], value)
+        np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(("experiment", "value"), [("exp1", None), ("exp4", np.nan), ("exp1", np.inf)])
+@pytest.mark.filterwarnings("ignore:.*(invalid value|overflow):RuntimeWarning")
+def test_one_member_and_models_that_have_diverged_are_reported(
+    write_stages: WriteStages, tmp_path: Path, experiment: str, value: float | None
+) -> None:
+    """One member, epoch and step, and losses that are no number or infinite: the report says what is missing."""
+    jobs = write_stages(tmp_path / "stages", (0, 8), ("cem",), members=1, epochs=1, steps=1, experiment=experiment)
+    if value is not None:
+        spoil(tmp_path / "stages", value)
+    write(tmp_path / "report", Results(tuple(jobs)), experiment)
+    text = (tmp_path / "report/report.md").read_text("utf-8")
+    assert "over 1 member;" in text
+    assert ("not a finite number: 1 of 1 at C = 0 and 1 of 1 at C = 8." in text) == (value is not None)
+    written = {path.stem for path in tmp_path.glob("report/figures/*.png")}
+    assert written == DRAWN[experiment]
+
+
+def test_text_of_the_configuration_is_text(write_stages: WriteStages, tmp_path: Path) -> None:
+    """Broken mathematics, markup of Markdown, HTML, Typst and jinja, other scripts, and emoji without a glyph."""
+    text = r"$\frac{x$ $ 5% A&B <i>|*c* `d` #e ~f~ [g](h) \n {{ title }} 🚀 שלום 模型"
+    names = {"cem": text[:20], "gradient": text[20:40], "original": text}
+    chosen = settings("exp1").model_copy(update={"names": names})
+    jobs = write_stages(tmp_path / "stages", (8,), ("cem", "gradient"), members=1, epochs=1, steps=1)
+    told = {"name": "mine", "title": text, "command": f"affmap {text}", "notice": text}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        build.write(ExperimentReport(tmp_path / "out", Results(tuple(jobs)), chosen, Room(), **told))
+    parts = page.parse((tmp_path / "out/report.md").read_text("utf-8"))
+    assert page.plain(parts[0]["parts"]) == text and page.plain(parts[1]["parts"]) == text
+    shown = " ".join(Page(tmp_path / "out/report.html").text.split())
+    assert shown.count(f"Command: affmap {text}") == 1 and f"({text[20:40]}): " in shown and f"“{text}”" in shown
 
 
 def test_settings_that_colours_cannot_tell_apart_are_refused(results: dict[str, Results], tmp_path: Path) -> None:

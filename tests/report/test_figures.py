@@ -12,9 +12,10 @@ from stage_files import make_world
 
 from affmap.env.geometry import reachable
 from affmap.env.layout import Layout
+from affmap.env.scene import LAYERS, Mark
 from affmap.model.palette import Palette
 from affmap.report import figures, painted
-from affmap.report.drawing import arena, numbers
+from affmap.report.drawing import arena, losses, numbers
 from affmap.report.drawing import failures as panels
 from affmap.report.drawing.colors import Groups, make_groups
 from affmap.report.figures import exploration
@@ -86,6 +87,27 @@ def test_a_panel_of_agents_that_predict_nothing_says_so() -> None:
     ax = numbers.boxes(Figure().subplots(), both, "prediction_error", groups)
     assert sum(isinstance(patch, PathPatch) for patch in ax.patches) == 1 and not ax.texts
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["EB", "random"]
+
+
+def test_errors_that_are_infinite_have_no_boxes() -> None:
+    runs = pd.DataFrame({"context_size": [0, 0], "planner": "cem", "prediction_error": np.inf})
+    assert not numbers.boxes(Figure().subplots(), runs, "prediction_error", PLANNERS).patches
+
+
+def test_the_curve_of_one_member_has_an_axis_without_a_deviation() -> None:
+    """By hand: with a context from -9 to -8 nats, without one far above; the axis is that of the former."""
+    rows = [(0, 0, 1, 100.0), (0, 0, 2, 90.0), (8, 0, 1, -8.0), (8, 0, 2, -9.0)]
+    table = pd.DataFrame(rows, columns=["context_size", "member", "epoch", "validation_nll"])
+    low, high = losses.learning_curves(Figure().subplots(), table).get_ylim()
+    assert (low, high) == pytest.approx((-9.0, -8.0), abs=0.1)
+
+
+def test_shapes_far_larger_than_the_arena_are_cut_down() -> None:
+    """Agg takes minutes for the outline of what a model that has diverged predicts."""
+    ax = Figure().subplots()
+    arena.paint_marks(ax, [Mark(LAYERS["uncertainty"], np.full((1, 2), -1e30), np.full(2, 1e30))])
+    (shape,) = ax.patches
+    assert (shape.width, shape.height, *shape.get_center()) == (2e3, 2e3, -1e3, -1e3)
 
 
 def test_bars_are_means_and_standard_deviations_over_members() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from affmap.report.markdown import bullets, escape, fill, text_table
+from affmap.report.markdown import bullets, code, escape, escape_name, fill, text_table
 from affmap.report.page import html, parse, pdf, plain
 from affmap.settings import ConfigError
 
@@ -49,6 +49,21 @@ def test_escaped_text_is_text_everywhere(text: str) -> None:
     assert [part["kind"] for part in italics["parts"]] == ["em"] and plain([italics]) == text
     (table,) = parse(text_table([text], [[text]]))
     assert [plain(table["head"][0]), plain(table["rows"][0][0])] == [text, text]
+
+
+@given(TEXTS.map(lambda text: " ".join(text.split())).filter(bool))
+@example("`` a ` b ``")
+@example("two_words _x_ __y__")
+def test_code_and_names_are_text(text: str) -> None:
+    """Also of many backticks; underscores stay as they are within words."""
+    ((node,),) = (part["parts"] for part in parse(code(text)))
+    assert (node["kind"], node["text"]) == ("code_inline", text)
+    assert plain(parse(escape_name(text))) == text
+    assert escape_name("procedural_easy") == "procedural_easy"
+
+
+def test_what_github_takes_for_mathematics_has_no_dollar() -> None:
+    assert escape("$x$ ~~y~~") == "&#36;x&#36; &#126;&#126;y&#126;&#126;"
 
 
 def test_directives_are_filled_in_lines_and_within_them(tmp_path: Path) -> None:

@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
 from affmap.experiments.comparison.report import format_value
 from affmap.report.drawing.colors import context_color
-from affmap.report.drawing.files import STYLE, new_figure, save
+from affmap.report.drawing.files import new_figure, save, style
 from affmap.report.drawing.numbers import HUGE
 from affmap.results.metrics import METRICS
 from affmap.results.setting import PLANNERS
@@ -40,7 +39,7 @@ def draw_differences(table: pd.DataFrame, runs: pd.DataFrame, key: str, path: Pa
     metrics = list(table["metric"].unique())
     count = len(metrics) + lookups
     rows = -(-count // 4)
-    with mpl.rc_context(STYLE):
+    with style():
         figure = new_figure(0.6 + rows * (1.75 + 0.05 * max(len(names[value]) for value in others)))
         axes = figure.subplots(rows, -(-count // rows), squeeze=False).ravel()
         for ax in axes[count:]:

@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import build
+from affmap.report.markdown import escape_name
 from affmap.report.markdown import table as markdown_table
 from affmap.results import provenance, statistics
 from affmap.results.metrics import METRICS
@@ -217,9 +218,9 @@ def markdown(table: pd.DataFrame, key: str) -> str:
         interval = f" [{number(row['low'], sign=True)}, {number(row['high'], sign=True)}]"
         rows.append(
             [
-                *(str(row[column]) for column in settings),
+                *(escape_name(str(row[column])) for column in settings),
                 f"{METRICS[row['metric']].name} ({row['unit']})",
-                f"{format_value(row['a'])}, {format_value(row['b'])}",
+                escape_name(f"{format_value(row['a'])}, {format_value(row['b'])}"),
                 f"{number(row['mean_a'])}, {number(row['mean_b'])}",
                 f"{number(row['median_a'])}, {number(row['median_b'])}",
                 f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else f' {NOTHING}'}",

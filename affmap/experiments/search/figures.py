@@ -3,12 +3,11 @@
 from collections.abc import Collection
 from pathlib import Path
 
-import matplotlib as mpl
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from affmap.report.drawing.files import STYLE, new_figure, save
+from affmap.report.drawing.files import new_figure, save, style
 from affmap.results.metrics import METRICS
 
 BEST, USED, OTHER = "#0072B2", "#D55E00", "0.6"
@@ -34,7 +33,7 @@ def draw_search(
     keys = list(table.columns[4:])
     columns = min(3, 1 + len(keys))
     rows = -(-(1 + len(keys)) // columns)
-    with mpl.rc_context(STYLE):
+    with style():
         figure = new_figure(0.4 + 2.0 * rows)
         axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
         history(axes[0], table, objective, used)

@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from affmap.report import build
+from affmap.report.markdown import escape_name
 from affmap.report.markdown import table as markdown_table
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
@@ -120,7 +121,7 @@ def markdown(table: pd.DataFrame, objective: str, used: int | None, keys: list[s
         )
         rows = sorted({*rows, place})
     lead.append("The best of many trials owes a part of its lead to chance.")
-    heads = ["place", "trial", f"{metric.name} ({metric.unit})", *keys]
+    heads = ["place", "trial", f"{metric.name} ({metric.unit})", *map(escape_name, keys)]
     cells = []
     for row in rows:
         trial = f"{numbers[row]} (in use)" if numbers[row] == used else str(numbers[row])
@@ -136,4 +137,4 @@ def _format_result(result: float, objective: str) -> str:
 
 
 def _format_value(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return f"{value:.3g}" if isinstance(value, float) else escape_name(str(value))

@@ -26,6 +26,10 @@ FEW = 50
 """Fewer positions than this are drawn one by one instead of as a heat map."""
 
 
+FAR = 1e3
+"""Shapes are drawn up to this far away and this large, u: Agg takes minutes for the outlines of larger ones."""
+
+
 def paint(parts: Sequence[tuple[Maps, Layout]], radius: float, index: int) -> list[Floats]:
     """Colour maps of one member in a common basis, fitted to all of them: `[Y, X, 3]` each.
 
@@ -79,6 +83,7 @@ def paint_marks(ax: Axes, marks: Iterable[Mark]) -> None:
         if radii is None and layer.width:
             ax.plot(*points.T, **look)
             continue
+        points, radii = np.clip(points, -FAR, FAR), None if radii is None else np.minimum(radii, FAR)
         shape = Polygon(points) if radii is None else Ellipse(points[0], *(2 * radii))
         shape.set(fill=not layer.width, **look)
         ax.add_patch(shape)

@@ -49,7 +49,7 @@ def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes
         x: the factor with one curve per value.
     """
     medians = steps.groupby([x.column, "acting"], sort=False)["prediction_error"].median().sort_index(level=1)
-    if len(medians) and medians.isna().all():
+    if len(medians) and not np.isfinite(medians).any():
         return unpredicted(ax, "step error")
     for value, color in x_colors(x, steps[x.column].unique()).items():
         curve = medians[value]

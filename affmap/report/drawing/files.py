@@ -1,12 +1,16 @@
 """Figures as files: PNG to look at, PDF to print, SVG for the page; the same figure gives the same bytes."""
 
 import textwrap
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
+from matplotlib.ticker import LogFormatter
 
 WIDTH = 7.0
 """Inches: the text width of the report's page, so that nothing is scaled and fonts keep their size."""
@@ -15,6 +19,7 @@ DPI = 200
 """Resolution of the PNG files."""
 
 STYLE: Any = {
+    "font.sans-serif": ["DejaVu Sans"],  # comes with Matplotlib; a machine's other fonts would lend missing glyphs
     "font.size": 8,
     "axes.titlesize": 8.5,
     "axes.spines.top": False,
@@ -37,6 +42,11 @@ class Drawn(NamedTuple):
     caption: str
 
 
+def style() -> AbstractContextManager[None]:
+    """Return a context of Matplotlib's own defaults with `STYLE`, whatever a `matplotlibrc` or a notebook has set."""
+    return matplotlib.style.context(["default", STYLE])
+
+
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty figure; sizes in inches."""
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.06))
@@ -52,18 +62,42 @@ def save(figure: Figure, path: Path, notice: str | None) -> None:
         assert isinstance(engine, ConstrainedLayoutEngine)
         engine.set(rect=(0.0, 0.0, 1.0, 1.0 - 0.16 * len(lines) / height))  # subfigures make no room for a title
         top = 1.0 - 0.04 / height
-        style: dict[str, Any] = {
-            "color": "red",
-            "fontsize": 8,
-            "fontweight": "bold",
-            "parse_math": False,
-        }  # a dollar is a dollar
-        figure.text(0.5, top, "\n".join(lines), ha="center", va="top", **style)
+        look: dict[str, Any] = {"color": "red", "fontsize": 8, "fontweight": "bold"}
+        figure.text(0.5, top, "\n".join(lines), ha="center", va="top", **look)
+    _take_text_as_it_is(figure)
+    _lay_out(figure)
     figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
-    figure.set_layout_engine("none")  # as it was laid out for the first file, once
-    for ax in figure.axes:  # the solver's last digits differ from time to time, and identifiers in an SVG hash them
-        ax.set_position(np.round(ax.get_position(original=True).bounds, 9).tolist())
     figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
+
+
+def _take_text_as_it_is(figure: Figure) -> None:
+    """Let dollars be dollars in all texts, but for powers along logarithmic axes, which Matplotlib itself writes."""
+    axes = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
+    powers = {
+        label
+        for axis in axes
+        if isinstance(axis.get_major_formatter(), LogFormatter)
+        for label in axis.get_ticklabels(which="both")
+    }
+    for text in figure.findobj(Text):
+        text.set_parse_math(text in powers)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Place everything once, for all files, on a grid much finer than a pixel.
+
+    The solver (kiwisolver) adds its terms in the order of their addresses in memory. So its last digits differ from
+    process to process, and with them identifiers in an SVG and pixels at the edge between two.
+    """
+    resolution = figure.dpi
+    figure.set_dpi(DPI)  # texts are measured in pixels
+    figure.draw_without_rendering()
+    figure.set_dpi(resolution)
+    figure.set_layout_engine("none")
+    for part in figure.subfigs:
+        part.bbox_relative.set_points(part.bbox_relative.get_points().round(9))
+    for ax in figure.axes:
+        ax.set_position(np.round(ax.get_position(original=True).bounds, 9).tolist())
 
 
 def save_svg(figure: Figure, path: Path) -> None:

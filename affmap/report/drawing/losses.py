@@ -72,15 +72,20 @@ def learning_curves(
 
 
 def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
-    """Fit the axis to the curves with a context if the one without rises far above them, and label that one."""
+    """Fit the axis to the curves with a context if the one without rises far above them, and label that one.
+
+    Losses that are not finite, of members that have diverged, are left out.
+    """
+    validation = validation[np.isfinite(validation["validation_nll"])]
     losses = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="mean")
     spread = validation.pivot_table(index="epoch", columns="context_size", values="validation_nll", aggfunc="std")
     sizes = [size for size in sorted(validation["context_size"].unique()) if size > 0]
     if not sizes or 0 not in losses:
         return
-    bands = [(losses[sizes] + sign * spread.reindex(columns=sizes).fillna(0.0)).to_numpy() for sign in (-1, 1)]
+    spread = spread.reindex_like(losses[sizes]).fillna(0.0)  # a single member has none
+    bands = [(losses[sizes] + sign * spread).stack().to_numpy() for sign in (-1, 1)]
     low, high = min([np.quantile(bands[0], 0.01), *(paper or ())]), max([np.quantile(bands[1], 0.99), *(paper or ())])
-    without = losses[0]
+    without = losses[0].dropna()
     if without.max() < high + (high - low) / 2:
         return
     margin = 0.05 * (high - low)

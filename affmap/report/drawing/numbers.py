@@ -56,7 +56,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
         groups: the groups shown by colour.
         paper: see `Span`.
     """
-    if runs[metric].isna().all():  # seaborn needs a number
+    if not np.isfinite(runs[metric].astype(float)).any():  # seaborn needs a number
         return unpredicted(ax, METRICS[metric].name)
     mark(ax, paper)
     with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed

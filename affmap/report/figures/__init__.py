@@ -5,9 +5,7 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-import matplotlib as mpl
-
-from affmap.report.drawing.files import STYLE, Drawn, save, save_svg
+from affmap.report.drawing.files import Drawn, save, save_svg, style
 from affmap.results.setting import ReportSettings
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
@@ -39,7 +37,7 @@ def draw_all(
     """Save all figures that the results allow, as PNG, PDF and SVG in `folder`; returns name -> caption."""
     folder.mkdir(parents=True, exist_ok=True)
     captions = {}
-    with mpl.rc_context(STYLE):
+    with style():
         for name, draw in figures_of(*packages).items():
             if drawn := draw(results, settings):
                 save(drawn.figure, folder / name, notice)

@@ -10,7 +10,7 @@ from affmap.report.drawing import arena, losses, numbers
 from affmap.report.drawing.colors import make_groups, name_of, readable, x_names_of
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.report.painted import Painted, map_size, maps_of_size, paint, several_worlds
-from affmap.results.numbers import listed, span
+from affmap.results.numbers import counted, listed, span
 from affmap.results.setting import LAYOUT, PLANNERS, ReportSettings, short_name
 from affmap.results.tables import Results
 
@@ -113,7 +113,7 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
     else:
         members = results.last_epoch["member"].nunique()
         parts.append(
-            f"(A) Validation loss: mean and standard deviation (shade) over {members} members; curves that "
+            f"(A) Validation loss: mean and standard deviation (shade) over {counted(members, 'member')}; curves that "
             "leave the axis are labelled."
         )
         code = "(B) The largest context size is 0, so there is no map."
