@@ -196,6 +196,11 @@ class Config(Settings):
         if isinstance(layout, Procedural):  # rules that cannot be met should not turn up after hours of training
             layout = layout.draw(generator(self.seed, "world", 0))
         layout.check_corners(self.vehicle.radius)
+        if self.control.goal_radius >= layout.shortest_way:
+            raise ValueError(
+                f"control.goal_radius = {self.control.goal_radius} would count runs as successes where they start: in "
+                f"{layout.name!r} the goal may be {layout.shortest_way:.4g} u away; make it smaller."
+            )
         return self
 
     @property

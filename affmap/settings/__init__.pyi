@@ -7,6 +7,7 @@ from .types import NAME as NAME
 from .types import Count as Count
 from .types import CountOrNone as CountOrNone
 from .types import Folder as Folder
+from .types import Length as Length
 from .types import Line as Line
 from .types import Name as Name
 from .types import NamePath as NamePath
