@@ -21,7 +21,7 @@ from affmap.settings import ConfigError, check_folder, folder, read
 from affmap.settings.messages import format_value, one_line
 
 FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
-LAUNCHER, WORKERS = "hydra.launcher", "hydra.launcher.n_jobs"
+LAUNCHER, WORKERS, CHDIR = "hydra.launcher", "hydra.launcher.n_jobs", "hydra.job.chdir"
 
 MAX_WORKERS = 1024
 """Most jobs at the same time."""
@@ -64,13 +64,18 @@ def check_launch(settings: Mapping[str, Any]) -> None:
             f"hydra.launcher.n_jobs = {format_value(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 "
             "for a job on each core."
         )
+    if settings[CHDIR]:
+        raise ConfigError(
+            "hydra.job.chdir = True is not allowed: store, output and reference are relative to the folder in which "
+            "the command starts; leave it out."
+        )
 
 
 def launch_settings(composed: Any) -> dict[str, Any]:
     """Hydra's settings for launching jobs: their folders, and the number of workers where the launcher has one."""
     composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
     with hydra_errors():
-        settings = {key: OmegaConf.select(composed, key) for key in (*FOLDERS, LAUNCHER)}
+        settings = {key: OmegaConf.select(composed, key) for key in (*FOLDERS, LAUNCHER, CHDIR)}
         return {**settings, WORKERS: OmegaConf.select(composed, WORKERS, default=1)}
 
 
@@ -125,6 +130,10 @@ def _explain(error: Exception) -> str:
         path, group, options = choice.groups()
         names = ", ".join([*options.split(), *_nested(group)])
         return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
+    if extra := re.search(r"In 'hydra/launcher/(\w+)': Could not load '(.+)'", text):
+        return (
+            f"hydra/launcher = {extra[1]!r} needs {extra[2]}, which is not installed: pip install 'affmap[{extra[1]}]'."
+        )
     # Hydra's messages end in addresses, its own places and types, and name classes and columns.
     text = re.split(r"\n\s*(?:See http|Config search path|full_key|reference_type|To append|\^)", text)[0]
     text = re.sub(r"^\w+Exception: |\w+(?:Error|Exception) (?:raised )?(?=while )", "", text)

@@ -32,8 +32,9 @@ class LookupSettings(Settings):
     """Settings of the look-up of context codes in planning (`conf/lookup`)."""
 
     spacing: Annotated[NonNegative, Field(le=EXTENT)]
-    """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
-    position, as in the paper. At most the width of a view: between nodes further apart lie places that no view shows."""
+    """Largest distance between neighbouring nodes of the affordance map, u, at most the width of a view (between nodes
+    further apart lie places that none of them shows); 0: no map, codes from the view at every position, as in the
+    paper."""
     differentiable: bool
     """Whether gradients flow through the map to the position; the paper's do not."""
 

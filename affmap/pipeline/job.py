@@ -18,6 +18,13 @@ from affmap.store.stage import Stage
 from affmap.store.store import Store
 
 
+class MachineError(Exception):
+    """A lack of this machine, of something that a job needs; the message names it and a remedy.
+
+    No ConfigError, since the values are right: a search, which counts those as failures of a trial, stops.
+    """
+
+
 def stages(config: Config) -> tuple[Stage, ...]:
     """The stages of a job, in order."""
     return tuple(stage.of(config) for stage in (DATA, TRAIN, PREDICT, MAP, CONTROL))
@@ -105,10 +112,10 @@ def check_logger(config: Config) -> None:
     """Make sure that the logger of trainings is installed.
 
     Raises:
-        ConfigError: it is not.
+        MachineError: it is not.
     """
     if config.logger == "tensorboard" and not find_spec("tensorboard"):
-        raise ConfigError(
+        raise MachineError(
             "logger = 'tensorboard' needs a package that is not installed: pip install 'affmap[tensorboard]', or say "
             "logger=csv."
         )

@@ -18,3 +18,4 @@ from .types import Seed as Seed
 from .types import Share as Share
 from .types import check_folder as check_folder
 from .types import check_line as check_line
+from .types import lies_in as lies_in

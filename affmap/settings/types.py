@@ -1,6 +1,8 @@
 """Types of values in settings: numbers with limits, names that are safe in paths, lines of text, folders."""
 
+import os
 import unicodedata
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -58,6 +60,28 @@ def check_folder(path: Path) -> Path:
     if max(len(part.encode()) for part in path.parts) > 255 or len(str(path).encode()) > 3000:
         raise ValueError("should be shorter: systems allow 255 bytes for a name and 4096 for a path")
     return path
+
+
+def lies_in(path: Path, folder: Path) -> bool:
+    """Whether a path is a folder or lies in it, whatever links lead there; neither needs to exist."""
+    return _lies_in(os.path.abspath(path), os.path.abspath(folder))
+
+
+@lru_cache(maxsize=1024)  # jobs of a sweep have the same folders
+def _lies_in(path: str, folder: str) -> bool:
+    place = Path(os.path.realpath(path))
+    return _identity(Path(os.path.realpath(folder))) in map(_identity, (place, *place.parents))
+
+
+def _identity(path: Path) -> tuple[Any, ...]:
+    """The first folder on the way up that exists, and the rest: a mount or another case is no other folder."""
+    for parent in (path, *path.parents):
+        try:
+            status = parent.stat()
+        except OSError:
+            continue
+        return status.st_dev, status.st_ino, path.relative_to(parent)
+    return (path,)
 
 
 Number = Annotated[float, BeforeValidator(_number), AfterValidator(_not_huge)]

@@ -176,8 +176,9 @@ class HyperoptSweeper(Sweeper):
         trials = []
         for number, (point, outcome) in enumerate(zip(points, results, strict=True), start=first):
             if outcome.raised and not isinstance(outcome.raised, (ValueError, ArithmeticError)):
+                reason = str(outcome.error).rstrip(".")
                 raise TrialError(
-                    f"Trial {number} could not be run: {outcome.error}; run the same command to try it again."
+                    f"Trial {number} could not be run: {reason}; run the same command to try it again."
                 ) from outcome.raised
             trials.append(Trial(number, dict(point), space.values(point), outcome.result, outcome.error, seconds))
             if outcome.error:
