@@ -14,7 +14,7 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from affmap.config.sweep import Sweep
-from affmap.pipeline.job import MachineError, check_members
+from affmap.pipeline.job import MachineError, check_members, check_report
 from affmap.settings.messages import ConfigError, printable
 from affmap.store.stage import StoreError
 
@@ -82,6 +82,7 @@ def read_sweep(arguments: Sequence[str]) -> Sweep:
         ConfigError: a value is not allowed, or a member is in two jobs; the message gives a remedy.
     """
     sweep = Sweep.read(arguments)
+    check_report(sweep)
     check_members(sweep.configs)
     return sweep
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
@@ -119,6 +120,32 @@ def check_logger(config: Config) -> None:
             "logger = 'tensorboard' needs a package that is not installed: pip install 'affmap[tensorboard]', or say "
             "logger=csv."
         )
+
+
+def check_report(sweep: Sweep) -> None:
+    """Make sure that the keys by which a report groups or compares exist; they need not vary in a part of a sweep.
+
+    Raises:
+        ConfigError: one of them does not.
+    """
+    swept = {key.replace("/", ".") for values in sweep.values for key in values}
+    for name in ("compare", "x", "color"):
+        key = getattr(sweep.first.report, name)
+        if key is None or key in swept:
+            continue
+        if not _has(sweep.first.complete(), key):
+            raise ConfigError(f"report.{name} = {key!r} is no key that results depend on; correct its spelling.")
+        if name == "compare" and key.partition(".")[0] not in CONTROL.all_keys:
+            raise ConfigError(
+                f"report.compare = {key!r} is no key that runs of control depend on; those are keys of "
+                f"{', '.join(CONTROL.all_keys)}."
+            )
+
+
+def _has(values: Any, key: str) -> bool:
+    """Whether nested mappings have a dotted key."""
+    first, _, rest = key.partition(".")
+    return isinstance(values, Mapping) and first in values and (not rest or _has(values[first], rest))
 
 
 def check_members(configs: Sequence[Config]) -> None:

@@ -171,5 +171,5 @@ class ReportSettings(Settings):
     def _check_axes(cls, axes: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         for metric, (low, high) in axes.items():
             if low >= high:
-                raise ValueError(f"should have the lowest tick before the highest, unlike {metric}: {[low, high]}")
+                raise ValueError(f"{metric} = {[low, high]} should be the lowest tick, then the highest.")
         return axes
