@@ -385,8 +385,8 @@ def test_a_copy_of_some_files_is_a_stage_of_its_own(complete: Path, tmp_path: Pa
 
 PATHS = [
     "output=/a/b", "output='/a b/out'", 'output="/a"', "store=[c,/a]", "store=c,/a", "+x={a: /b}", "+x={a:'/b'}",
-    "output='~/x'", "output=~me/x", "store=file:///a", "title=see\\ /a", "store=glob(/a)", "output=//a", "+x=choice(b,/a)",
-    "/run/kernel.json", "--socket=/tmp/x",
+    "output='~/x'", "output=~me/x", "store=file:///a", "title=see\\ /a", "store=glob(/a)", "output=//a",
+    "+x=choice(b,/a)", "/run/kernel.json", "--socket=/tmp/x",
 ]  # fmt: skip
 OTHERS = [
     "output=runs/a", "model/transition=gru", "~title", "~report/x", "output=../x", "output=${name}/x", "store=a/~b",
