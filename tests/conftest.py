@@ -69,7 +69,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput") or not terminal or "AFFMAP_FUZZ" in os.environ:
         return
     properties = [each for report in terminal.stats.get("passed", []) for each in report.user_properties]
-    rows = {attack: (str(times), outcome) for name, (attack, times, outcome) in properties if name == "tried"}
+    entries = [value for name, value in properties if name == "tried"]  # others have values of other kinds
+    rows = {attack: (str(times), outcome) for attack, times, outcome in entries}
     with TRIED.open(newline="", encoding="utf-8") as file:
         head, *known = csv.reader(file)
     published = {attack: (times, outcome) for attack, times, outcome in known}

@@ -91,7 +91,7 @@ Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
 Length = Annotated[Positive, Field(ge=1e-6, le=1000)]
 """A length, u. Positions have single precision: less than a millionth is lost in an arena of a few units, and beyond a
 thousand, where positions are 0.00006 u apart, Box2D's contacts are."""
-NonNegative = Annotated[Number, Field(ge=0)]
+NonNegative = Annotated[Number, Field(ge=0), AfterValidator(_not_tiny)]
 """A measure, or 0 where something is not there."""
 Share = Annotated[Number, Field(ge=0, le=1)]
 """A part of the whole."""
