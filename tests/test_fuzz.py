@@ -12,6 +12,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
+from itertools import permutations
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -26,8 +27,9 @@ from affmap.config import compose as composing
 from affmap.config import memory, sweep
 from affmap.config.memory import LIMIT_GIB, demands
 from affmap.config.root import Config, plain
+from affmap.env.body import MAX_SPEED, MIN_RADIUS, MIN_SPEED
 from affmap.pipeline.job import stages
-from affmap.settings import ConfigError, check_line, read
+from affmap.settings import ConfigError, check_line, lies_in, read
 
 FACTOR = int(os.environ.get("AFFMAP_FUZZ", 0))
 Place = tuple[str | int, ...]
@@ -127,7 +129,13 @@ def check_sane(config: Config) -> None:
             assert math.isfinite(value) and abs(value) <= (1e18 if key.endswith("seed") else 1e12), key
             assert type(value) is bool or math.copysign(1, value) == 1 or value < 0, key
     assert all(demand.gib <= LIMIT_GIB for demand in demands(config))
-    assert len({os.path.abspath(path) for path in (config.output, config.store, config.reference)}) == 3
+    folders = config.output, config.store, config.reference
+    assert not any(lies_in(one, other) for one, other in permutations(folders, 2))
+    vehicle = config.vehicle
+    assert vehicle.radius >= MIN_RADIUS and vehicle.top_speed >= MIN_SPEED
+    assert max(2**0.5 * vehicle.thrust, vehicle.force) / vehicle.mass * vehicle.time_step_s**2 <= MAX_SPEED
+    assert config.control.goal_radius < config.control_layout.shortest_way
+    assert all(len(layout.circles) <= 1000 for layout in (*config.training_layouts, config.map_layout))
     for stage in stages(config):
         json.dumps(stage.config, allow_nan=False).encode()
         assert len(stage.digest) == 16
@@ -346,6 +354,7 @@ LINES: dict[str, list[str]] = {
     "hydra.": [
         "hydra.launcher.n_jobs=0", "hydra.launcher.n_jobs=100000", "hydra.launcher=null", "hydra.sweep.dir=",
         "hydra.sweep.dir=..", "hydra.run.dir=..", "hydra.sweep.subdir=", "hydra.run.dir=" + "a" * 300,
+        "hydra.job.chdir=true", "hydra.job.chdir=false,true", "hydra.job.chdir=true|search=cem",
     ],
     "is not": [
         "sweep=3", "sweep=null", "+sweep.seed=true", "+key=1", "++model.key=1", "growth=a b", "growth=[]",
@@ -358,6 +367,11 @@ LINES: dict[str, list[str]] = {
     "missing": ["planner=[]", "~model", "~title", "~planner.kind", "~vehicle.radius"],
     "folder of its own": ["output=runs/store", "store=runs/reference/store", "store=runs/../runs/single"],
     "another name": ["output=somewhere/store"],
+    "lies in": ["output=runs", "output=runs/store/a", "store=runs/reference"],
+    "depend on": [
+        "report.compare=nope", "report.x=nope", "report.color=control.device", "report.compare=title",
+        "report.compare=training.batch_sizes", "report.compare=data.seed.x", "report.compare=world",
+    ],
     "growth of its own": ["growth=exp3"],
     "GiB": [
         "members=1000000", "data.num_sequences=1000000|data.num_steps=1000", "lookup.spacing=1e-6",

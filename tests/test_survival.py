@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sweeps import LINE, finish, line, results, said, start, undisturbed_sweep
+from sweeps import CONTEXT, LINE, finish, line, results, said, start, undisturbed_sweep
 
 from affmap import pipeline
 from affmap.cli import run
+from affmap.cli.status import main as show_status
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
 from affmap.store.stage import StoreError
@@ -177,3 +178,29 @@ def test_a_full_disk_is_reported_and_costs_nothing(undisturbed: Path, tmp_path: 
         assert results(folder) == results(undisturbed)
     finally:
         subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def run_without_streams(folder: Path) -> None:
+    """A sweep and its status in a process whose standard streams are closed, as those of a fresh interpreter."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        os.close(number)
+        setattr(sys, name, None)
+    sys.argv = ["affmap", *line(folder), "model.context_size=0"]
+    run.main()
+    sys.argv[0] = "affmap-status"
+    show_status()
+    assert [os.stat(number).st_rdev for number in range(3)] == 3 * [os.stat(os.devnull).st_rdev]
+    assert all(os.get_inheritable(number) for number in range(3))
+    sys.argv = ["affmap", "members=0"]
+    try:
+        run.main()
+    except SystemExit as leaving:
+        os._exit(40 + int(leaving.code or 0))
+
+
+def test_closed_streams_stay_silent(tmp_path: Path) -> None:
+    """`affmap <&- >&- 2>&-`: complete, and a mistake has its status."""
+    process = CONTEXT.Process(target=run_without_streams, args=(tmp_path,))
+    process.start()
+    assert finish(process) == 42
+    assert len(results(tmp_path)) == 2 + 4 + 2 + 1 + 3

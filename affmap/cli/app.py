@@ -14,8 +14,8 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from affmap.config.sweep import Sweep
-from affmap.pipeline.job import check_members
-from affmap.settings.messages import ConfigError
+from affmap.pipeline.job import MachineError, check_members, check_report
+from affmap.settings.messages import ConfigError, printable
 from affmap.store.stage import StoreError
 
 MULTIRUN = ("-m", "--multirun")
@@ -31,24 +31,27 @@ def command(
 ) -> None:
     """Run `body` on the command line's overrides and report errors in a sentence; other flags than `known` are errors.
 
-    `about` is the text of `--help`; `resumes` tells whether the same command resumes after a signal.
+    `about` is the text of `--help`, and no docstring, which optimised bytecode lacks; `resumes` tells whether the same
+    command resumes after a signal.
 
     Exit status: 2 for a mistake in the command line, 1 for a failure, 130 or 143 for a signal.
     """
-    if about and {"--help", "-h"} & {*flags()}:
-        print(f"{about}\n\nIt takes Hydra overrides, such as experiment=exp1 or output=runs/mine.")
-        return
+    open_streams()
     remedy = "; run the same command again to resume." if resumes else "."
     try:
         with sigterm_ends_process():
-            body(_overrides(known))
+            if about and {"--help", "-h"} & {*flags()}:
+                print(f"{about}\n\nIt takes Hydra overrides, such as experiment=exp1 or output=runs/mine.")
+            else:
+                body(_overrides(known))
+        sys.stdout.flush()
     except BaseException as error:
         match _first(error):
             case KeyboardInterrupt():
                 _leave_at_once(f"Stopped{remedy}", 128 + signal.SIGINT)
             case Terminated(code=code):
                 _leave_at_once(f"Stopped by a signal{remedy}", code)
-            case ConfigError() | HydraException() | OmegaConfBaseException():
+            case ConfigError() | MachineError() | HydraException() | OmegaConfBaseException():
                 _leave(str(error), 2)
             case StoreError() | SweepError():
                 _leave(str(error), 1)
@@ -60,6 +63,18 @@ def command(
                 raise
 
 
+def open_streams() -> None:
+    """Open the null device for each standard stream that is closed or missing, as after `affmap >&-`.
+
+    Else a file that is opened next would have the stream's number, and get what libraries and workers print.
+    """
+    for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115  # its number is the lowest free one
+            os.set_inheritable(stream.fileno(), True)
+            setattr(sys, name, stream)
+
+
 def read_sweep(arguments: Sequence[str]) -> Sweep:
     """The validated sweep of a command line.
 
@@ -67,6 +82,7 @@ def read_sweep(arguments: Sequence[str]) -> Sweep:
         ConfigError: a value is not allowed, or a member is in two jobs; the message gives a remedy.
     """
     sweep = Sweep.read(arguments)
+    check_report(sweep)
     check_members(sweep)
     return sweep
 
@@ -93,7 +109,7 @@ def _overrides(known: Collection[str]) -> list[str]:
 
 
 def _leave(message: str, status: int) -> NoReturn:
-    print(message, file=sys.stderr)
+    print(printable(message), file=sys.stderr)
     sys.exit(status)
 
 
@@ -101,7 +117,7 @@ def _leave_at_once(message: str, status: int) -> NoReturn:
     """Exit without waiting for workers, which may have results to send that nobody will receive."""
     for worker in multiprocessing.active_children():
         worker.kill()
-    print(message, file=sys.stderr, flush=True)
+    print(printable(message), file=sys.stderr, flush=True)
     sys.stdout.flush()
     os._exit(status)
 

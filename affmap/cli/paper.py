@@ -3,7 +3,7 @@
 import shlex
 
 from affmap.cli.app import command, flags, read_sweep
-from affmap.cli.publish import check_publishable
+from affmap.cli.publish import check_publishable, check_target
 from affmap.config import sweep
 from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
@@ -11,14 +11,16 @@ from affmap.results import manifest
 from affmap.settings.messages import ConfigError
 from affmap.store.provenance import without_paths
 
+ABOUT = "`affmap-paper`: one report of all five experiments; `--publish`: keep it in `runs/reference`."
+
 PUBLISH = "--publish"
 """Flag: keep the report in the folder of the reference run."""
 
 
 def main() -> None:
-    """`affmap-paper`: one report of all five experiments; `--publish`: keep it in `runs/reference`."""
+    """Run the command `affmap-paper`."""
     publish = PUBLISH in flags()
-    command(lambda arguments: _paper(read_sweep(arguments), publish), known=[PUBLISH], about=main.__doc__)
+    command(lambda arguments: _paper(read_sweep(arguments), publish), known=[PUBLISH], about=ABOUT)
 
 
 def _paper(paper: Sweep, publish: bool) -> None:
@@ -45,4 +47,6 @@ def _paper(paper: Sweep, publish: bool) -> None:
     print(f"The report is {build.write(PaperReport(output, chapters, line, first.notice))}")
     if publish:
         check_publishable(first)
-        manifest.copy(output, first.reference.parent / output.name, without=["figures", "*.html"])
+        target = first.reference.parent / output.name
+        check_target(output, target)
+        manifest.copy(output, target, without=["figures", "*.html"])

@@ -10,8 +10,10 @@ from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.pipeline.completed import completed
 from affmap.results import manifest
 from affmap.results.files import STEPS, VALIDATION
-from affmap.settings.messages import ConfigError
+from affmap.settings import ConfigError, lies_in
 from affmap.store.stage import copy_stage
+
+ABOUT = "`affmap-publish`: keep report and models of an experiment in `runs/reference`; `--report-only`: no trainings."
 
 WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
 """Files that are not kept: vector figures are in the report's PDF, figures in the page, losses in the tables."""
@@ -21,8 +23,8 @@ REPORT_ONLY = "--report-only"
 
 
 def main() -> None:
-    """`affmap-publish`: keep report and models of an experiment in `runs/reference`; `--report-only`: no trainings."""
-    command(_publish, known=[REPORT_ONLY], about=main.__doc__)
+    """Run the command `affmap-publish`."""
+    command(_publish, known=[REPORT_ONLY], about=ABOUT)
 
 
 def check_publishable(config: Config) -> None:
@@ -35,6 +37,19 @@ def check_publishable(config: Config) -> None:
         raise ConfigError(f"this result is not to be published: {config.notice}.")
 
 
+def check_target(output: Path, target: Path) -> None:
+    """Make sure that a report is published into a folder of its own.
+
+    Raises:
+        ConfigError: one of the two folders is the other, or lies in it.
+    """
+    if lies_in(output, target) or lies_in(target, output):
+        raise ConfigError(
+            f"{output} would be published as {target}, which would replace it; say reference=<folder>/store with a "
+            "folder that is not that of the reports, such as runs/reference."
+        )
+
+
 def _publish(arguments: list[str]) -> None:
     from affmap.report import build  # reports take seconds to import
 
@@ -44,6 +59,7 @@ def _publish(arguments: list[str]) -> None:
     check_publishable(config)
     build.check(report)
     target = config.published
+    check_target(config.output, target)
     report_only = REPORT_ONLY in flags()
     manifest.copy(config.output, target, (*WITHOUT, *((VALIDATION, STEPS) if report_only else ())))
     if isinstance(jobs, Search) or config.report.compare or report_only:

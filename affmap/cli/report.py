@@ -3,8 +3,10 @@
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from affmap.cli.app import SweepError, command, flags, read_sweep
+from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
@@ -13,17 +15,20 @@ from affmap.pipeline.job import all_stages
 from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
+from affmap.settings.messages import printable
 from affmap.store.files import locked
-from affmap.store.provenance import circumstances, without_paths
+from affmap.store.provenance import circumstances, has_path, without_paths
 from hydra_plugins.hyperopt_sweeper import RESULTS
+
+ABOUT = "`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."
 
 CHECK = "--check"
 """Flag: verify every file, draw nothing."""
 
 
 def main() -> None:
-    """`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."""
-    command(_check if CHECK in flags() else _report, known=[CHECK], about=main.__doc__)
+    """Run the command `affmap-report`."""
+    command(_check if CHECK in flags() else _report, known=[CHECK], about=ABOUT)
 
 
 def read(arguments: Sequence[str]) -> Search | Sweep:
@@ -73,11 +78,18 @@ def _make_search_report(search: Search) -> Report:
         config.objective or "",
         in_use=leaves(config.complete()),
         log_keys=search.log_keys,
-        origin={"overrides": search.overrides, "config": config.model_dump(mode="json"), **circumstances()},
+        origin={"overrides": without_paths(search.overrides), "config": _origin(config), **circumstances()},
         title=config.title,
         command=shlex.join(["affmap", *without_paths(search.overrides)]),
         notice="; ".join(filter(None, [config.notice, partial])) or None,
     )
+
+
+def _origin(config: Config) -> dict[str, Any]:
+    """The configuration of a search, without folders that are absolute paths."""
+    values = config.model_dump(mode="json")
+    folders = {key for key, value in config if isinstance(value, Path) and has_path(f"{key}={value}")}
+    return {key: value for key, value in values.items() if key not in folders}
 
 
 def _report(arguments: list[str]) -> None:
@@ -95,7 +107,7 @@ def _report(arguments: list[str]) -> None:
         finally:
             lock.unlink(missing_ok=True)
     if page.suffix == ".md":
-        print(f"{page.read_text('utf-8')}\nThe table is {page}")
+        print(f"{printable(page.read_text('utf-8'))}\nThe table is {page}")
     else:
         print(f"The report is {page}; open {page.with_suffix('.html')} for the interactive version.")
 

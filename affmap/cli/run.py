@@ -19,6 +19,7 @@ from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
 from affmap.pipeline.job import (
+    MachineError,
     agents_without_models,
     all_stages,
     check_logger,
@@ -48,7 +49,7 @@ def main() -> None:
     if printing & {"--cfg", "-c"}:
         command(_check, known=flags())
     if printing:
-        _job()
+        command(lambda _: _job(), known=flags())
     else:
         command(_run)
 
@@ -157,7 +158,7 @@ def _job(composed: DictConfig) -> float | list[float] | None:
                 return score(config)
             run(config)
     except Exception as error:
-        is_sentence = isinstance(error, (ConfigError, StoreError))
+        is_sentence = isinstance(error, (ConfigError, MachineError, StoreError))
         message = "This job failed: %s Run the same command again to resume."
         log.error(message, str(error).rstrip(".") + ".", exc_info=not is_sentence)
         if composed.get("objective"):

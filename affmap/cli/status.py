@@ -17,14 +17,16 @@ from affmap.config import sweep
 from affmap.config.search import Search
 from affmap.pipeline import status
 from affmap.pipeline.status import JobStatus, StageStatus
-from affmap.settings.messages import ConfigError
+from affmap.settings.messages import ConfigError, printable
+
+ABOUT = "`affmap-status`: the progress of sweeps, by overrides or by folders of reports; by default, of all in `runs`."
 
 COLORS = {"complete": "green", "running": "cyan", "failed": "red", "corrupted": "red", "stopped": "yellow"}
 
 
 def main() -> None:
-    """`affmap-status`: the progress of sweeps, by overrides or by folders of reports; by default, of all in `runs`."""
-    command(_status, about=main.__doc__)
+    """Run the command `affmap-status`."""
+    command(_status, about=ABOUT)
 
 
 def _status(arguments: list[str]) -> None:
@@ -35,7 +37,7 @@ def _status(arguments: list[str]) -> None:
         )
     if not arguments:
         folders = sorted(path.parents[1] for path in Path("runs").rglob(sweep.NOTE))
-    console = Console(width=None if sys.stdout.isatty() else 200, highlight=False)
+    console = Console(width=None if sys.stdout.isatty() else 200, markup=False, emoji=False, highlight=False)
     if not arguments and not folders:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
     elif not folders:
@@ -55,7 +57,7 @@ def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
     """Print the status of a search, or of a sweep and its companions, and add them to `outputs`, which are skipped."""
     if search := Search.read(line):
         progress = f"{search.num_complete} of {search.num_trials} trials complete"
-        console.print(f"{search.config.title} ({search.config.output}): {progress}", markup=False)
+        console.print(f"{search.config.title} ({search.config.output}): {progress}")
         return
     main_sweep = read_sweep(line)
     for part in (main_sweep, *main_sweep.companions()):
@@ -63,10 +65,10 @@ def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
             continue
         outputs.add(part.first.output)
         jobs = status.jobs(part)
-        console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}", markup=False)
+        console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}")
         console.print(table(jobs))
         for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted")):
-            console.print(failure, markup=False)
+            console.print(printable(failure))
 
 
 MAX_ROWS = 50
@@ -87,7 +89,7 @@ def table(jobs: Sequence[JobStatus]) -> Table:
             continue
         current = job.current
         rows.add_row(
-            job.label,
+            printable(job.label),
             Text(job.state, COLORS.get(job.state, "")),
             _stage(current) if current else "",
             duration(sum(part.state.seconds for part in job.parts)),

@@ -20,7 +20,7 @@ from affmap.settings import ConfigError, check_folder, folder, plain_yaml
 from affmap.settings.messages import format_value
 
 FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
-LAUNCHER, WORKERS = "hydra.launcher", "hydra.launcher.n_jobs"
+LAUNCHER, WORKERS, CHDIR = "hydra.launcher", "hydra.launcher.n_jobs", "hydra.job.chdir"
 
 MAX_WORKERS = 1024
 """Most jobs at the same time."""
@@ -87,13 +87,18 @@ def check_launch(settings: Mapping[str, Any]) -> None:
             f"hydra.launcher.n_jobs = {format_value(workers)} is not allowed: it should be 1 to {MAX_WORKERS}, or -1 "
             "for a job on each core."
         )
+    if settings[CHDIR]:
+        raise ConfigError(
+            "hydra.job.chdir = True is not allowed: store, output and reference are relative to the folder in which "
+            "the command starts; leave it out."
+        )
 
 
 def launch_settings(composed: Any) -> dict[str, Any]:
     """Hydra's settings for launching jobs: their folders, and the number of workers where the launcher has one."""
     composed.hydra.job.num, composed.hydra.job.id = 0, "0"  # folders are named by the job's number
     with hydra_errors():
-        settings = {key: OmegaConf.select(composed, key) for key in (*FOLDERS, LAUNCHER)}
+        settings = {key: OmegaConf.select(composed, key) for key in (*FOLDERS, LAUNCHER, CHDIR)}
         return {**settings, WORKERS: OmegaConf.select(composed, WORKERS, default=1)}
 
 

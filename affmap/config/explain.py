@@ -40,6 +40,10 @@ def _explain(error: Exception) -> str:
         path, group, options = choice.groups()
         names = ", ".join([*options.split(), *_nested(group)])
         return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
+    if extra := re.search(r"In 'hydra/launcher/(\w+)': Could not load '(.+)'", text):
+        return (
+            f"hydra/launcher = {extra[1]!r} needs {extra[2]}, which is not installed: pip install 'affmap[{extra[1]}]'."
+        )
     if present := re.search(r"An item is already at '(.+?)'", text):
         return f"{one_line(present[1])} is a key already; leave out the +."
     if twice := re.search(r'found duplicate key (.+)\n *in "(.+)", line (\d+)', text):

@@ -3,7 +3,7 @@
 import os.path
 from collections import Counter
 from collections.abc import Mapping
-from itertools import combinations
+from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -20,7 +20,7 @@ from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
-from affmap.settings import ConfigError, Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings
+from affmap.settings import ConfigError, Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings, lies_in
 from affmap.settings.messages import format_value
 from affmap.training.settings import TrainingSettings
 
@@ -140,7 +140,7 @@ class Config(Settings):
     @property
     def published(self) -> Path:
         """The folder that `affmap-publish` copies the report to, at the same place beside the reference run's store."""
-        runs, output = self.store.parent, self.output
+        runs, output = (Path(os.path.normpath(path)) for path in (self.store.parent, self.output))
         return self.reference.parent / (output.relative_to(runs) if output.is_relative_to(runs) else output.name)
 
     @model_validator(mode="after")
@@ -152,16 +152,21 @@ class Config(Settings):
     @model_validator(mode="after")
     def _check_folders(self) -> Self:
         keys = ("output", "store", "reference")
-        folders = {key: os.path.abspath(getattr(self, key)) for key in keys}
-        for key, other in combinations(keys, 2):
-            if folders[key] == folders[other]:
-                both = format_value(str(getattr(self, other)))
-                raise ValueError(f"{key} and {other} are both {both}; give each a folder of its own.")
-        for key in ("store", "reference"):
-            if os.path.abspath(self.published) == folders[key]:
-                output, published = format_value(str(self.output)), format_value(str(self.published))
+        shown = {key: format_value(str(getattr(self, key))) for key in (*keys, "published")}
+        for key, other in permutations(keys, 2):
+            if lies_in(getattr(self, key), getattr(self, other)):
+                if lies_in(getattr(self, other), getattr(self, key)):
+                    two = f"both {shown[key]}" if shown[key] == shown[other] else f"one, {shown[key]} = {shown[other]}"
+                    raise ValueError(f"{key} and {other} are {two}; give each a folder of its own.")
                 raise ValueError(
-                    f"output = {output} would be published as {published}, where {key} is; give it another name."
+                    f"{key} = {shown[key]} lies in {other} = {shown[other]}, and would be copied or removed with it; "
+                    "give each a folder of its own, beside the other."
+                )
+        for key in ("store", "reference"):
+            if lies_in(self.published, getattr(self, key)):
+                raise ValueError(
+                    f"output = {shown['output']} would be published as {shown['published']}, where {key} is; give it "
+                    "another name."
                 )
         return self
 
@@ -196,6 +201,11 @@ class Config(Settings):
         if isinstance(layout, Procedural):  # rules that cannot be met should not turn up after hours of training
             layout = layout.draw(generator(self.seed, "world", 0))
         layout.check_corners(self.vehicle.radius)
+        if self.control.goal_radius >= layout.shortest_way:
+            raise ValueError(
+                f"control.goal_radius = {self.control.goal_radius} would count runs as successes where they start: in "
+                f"{layout.name!r} the goal may be {layout.shortest_way:.4g} u away; make it smaller."
+            )
         return self
 
     @property

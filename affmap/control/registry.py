@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Protocol
 from pydantic import PlainValidator
 
 from affmap.control.controller import Controller
-from affmap.settings import Positive, Settings
+from affmap.settings import Length, Settings
 from affmap.settings.registry import Registry
 
 _registry = Registry("affmap.control")
@@ -33,7 +33,7 @@ class OracleSettings(Settings):
 
     kind: Literal["oracle", "true_mean", "true_deviation"]
     """Part of the imagination that is true: all, the mean or the deviation; the rest comes from the model."""
-    std: Positive
+    std: Length
     """Standard deviation of a true step outside fog, u."""
 
 

@@ -1,8 +1,10 @@
 """Settings of control, in a module without torch, which takes seconds to import."""
 
+from typing import Annotated
+
 from pydantic import Field
 
-from affmap.settings import Count, NonNegative, Positive, Settings
+from affmap.settings import Count, Length, NonNegative, Settings
 
 
 class ControlSettings(Settings):
@@ -12,15 +14,15 @@ class ControlSettings(Settings):
     """T, steps of a run."""
     runs_per_member: Count
     """Run r of a member starts in corner r modulo 4."""
-    beta: NonNegative
-    """Weight of the uncertainty in the expected free energy."""
-    goal_std_far: Positive
+    beta: Annotated[NonNegative, Field(le=1e6)]
+    """Weight of the uncertainty in the expected free energy; from a million on, rounding loses the divergence."""
+    goal_std_far: Length
     """Standard deviation of the desired position, u."""
-    goal_std_near: Positive
+    goal_std_near: Length
     """Standard deviation of the desired position once the goal is near, u."""
-    near_distance: Positive
+    near_distance: Length
     """Distance to the goal below which it is near, u."""
-    goal_radius: Positive
+    goal_radius: Length
     """Distance to the goal below which it is reached, u."""
-    device: str = Field(pattern=r"^(cpu|cuda(:[0-9]{1,2})?)$", exclude=True)
+    device: str = Field(pattern=r"^(cpu|cuda(:(0|[1-9][0-9]?))?)$", exclude=True)
     """Device for planning: cpu or cuda."""

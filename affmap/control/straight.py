@@ -1,13 +1,15 @@
 """An agent that flies straight ahead, as a baseline without perception."""
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from affmap.control.controller import Decision, Observation
 from affmap.control.registry import register
 from affmap.env.body import THROTTLES
 from affmap.lazy import torch
 from affmap.planning.planner import Generators
-from affmap.settings import NonNegative, Positive, Settings
+from affmap.settings import Length, NonNegative, Settings
 
 
 @register
@@ -19,9 +21,9 @@ class StraightAgent(Settings):
     """
 
     kind: Literal["straight"]
-    foresight: NonNegative
+    foresight: Annotated[NonNegative, Field(le=1e6)]
     """Steps for which its speed is assumed to last; 0 for a vehicle that does not brake before the goal."""
-    slow_distance: Positive
+    slow_distance: Length
     """Distance along the direction of a throttle from which that throttle is fully open, u."""
 
     def initial(self, num_problems: int) -> None:

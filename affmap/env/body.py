@@ -1,21 +1,30 @@
-"""The vehicle as data: its throttles and physical constants. Knows no simulator."""
+"""The vehicle as data: its throttles and physical constants, within the limits of Box2D, which is not imported."""
 
 import math
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
-from affmap.settings import Count, NonNegative, Positive, Settings
+from affmap.settings import Count, Length, NonNegative, Positive, Settings
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
+
+MIN_RADIUS = 0.01
+"""u, twice Box2D's slop, by which things may overlap: vehicles of up to one slop fly right through borders."""
+
+MIN_SPEED, MAX_SPEED = 1e-7, 2.0
+"""u per step. In single precision, a position in the arena stays the same with less; Box2D moves nothing further."""
+
+Iterations = Annotated[Count, Field(le=1000)]
+"""Iterations of a solver; a disc among circles needs a handful."""
 
 
 class Vehicle(Settings):
     """Physical constants (`conf/vehicle`)."""
 
-    radius: Positive
+    radius: Annotated[Length, Field(ge=MIN_RADIUS)]
     """u."""
     mass: Positive
     """kg."""
@@ -27,13 +36,13 @@ class Vehicle(Settings):
     """Linear damping while touching an obstacle or a border, 1/s."""
     force: NonNegative
     """Strength of a force field, N."""
-    fog_std: NonNegative
+    fog_std: Annotated[NonNegative, Field(le=1000)]
     """Standard deviation of the noise on each coordinate of the position reported from inside fog, u."""
     time_step_s: Positive
     """Duration of a step, s."""
-    velocity_iterations: Count
+    velocity_iterations: Iterations
     """Box2D's solver iterations for velocities, a step."""
-    position_iterations: Count
+    position_iterations: Iterations
     """Box2D's solver iterations for positions, a step."""
 
     @model_validator(mode="after")
@@ -44,6 +53,19 @@ class Vehicle(Settings):
                     f"{key} = {getattr(self, key)} with time_step_s = {self.time_step_s} would stop the vehicle for "
                     f"good; it must be below 1 / time_step_s = {1 / self.time_step_s:g}."
                 )
+        for key, strength in (("thrust", math.sqrt(2) * self.thrust), ("force", self.force)):  # of two throttles
+            if (gain := strength / self.mass * self.time_step_s**2) > MAX_SPEED:
+                raise ValueError(
+                    f"{key} = {getattr(self, key)} with mass = {self.mass} and time_step_s = {self.time_step_s} speeds "
+                    f"the vehicle up by {gain:.2g} u per step in a single step; Box2D flies at {MAX_SPEED:g} at most, "
+                    f"so make {key} smaller or mass larger."
+                )
+        if self.top_speed < MIN_SPEED:
+            raise ValueError(
+                f"thrust = {self.thrust} with mass = {self.mass}, damping = {self.damping} and time_step_s = "
+                f"{self.time_step_s} flies at {self.top_speed:.2g} u per step at most, which is lost in rounding; it "
+                f"must reach {MIN_SPEED:g}, so make thrust larger or mass smaller."
+            )
         return self
 
     @property

@@ -4,6 +4,7 @@ The effect of a circle and its look (its channel of the view) are separate. A la
 `conf/layout` holds the fixed ones.
 """
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
@@ -13,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import EFFECTS
-from affmap.settings import Line, Name, Neutral, Number, Positive, Settings
+from affmap.settings import Length, Line, Name, Neutral, Number, Settings
 from affmap.view import VisibleLayout
 
 
@@ -35,7 +36,7 @@ class Circle(Settings):
 
     center: tuple[Number, Number]
     """x, y in u."""
-    radius: Positive
+    radius: Length
     """u."""
     effect: EffectName
     """Its effect on the vehicle: blocks it, adds noise to its reported position, pulls it, or nothing."""
@@ -53,6 +54,10 @@ class Circle(Settings):
         return self.center[1]
 
 
+MAX_CIRCLES = 1000
+"""Most circles of a layout: a draw compares each with each, hundreds of times, and Box2D crashes beyond 10,000."""
+
+
 class Arena(Settings):
     """The arena of a layout: borders, the squares in the corners where runs start and end, and channels of the view.
 
@@ -60,15 +65,15 @@ class Arena(Settings):
     """
 
     name: Name
-    size: tuple[Positive, Positive]
+    size: tuple[Length, Length]
     """Width and height of the arena, u."""
     channels: tuple[Line, ...] = Field(min_length=1)
     """Names of the channels of the view, in order."""
     border_channel: Line
     """Channel that everything outside the arena is painted in."""
-    start_margin: Positive
+    start_margin: Length
     """Distance of the corner squares to the borders, u."""
-    start_side: Positive
+    start_side: Length
     """Side of the corner squares, u."""
     acts: Annotated[Acts, Neutral("rim")]
     """When fog and force fields act; obstacles act by touch."""
@@ -86,11 +91,16 @@ class Arena(Settings):
             )
         return self
 
+    @property
+    def shortest_way(self) -> float:
+        """Smallest distance between a start and a goal, in the squares of opposite corners, u."""
+        return math.hypot(*(side - 2 * (self.start_margin + self.start_side) for side in self.size))
+
 
 class Layout(Arena):
     """A layout: an arena and its circles."""
 
-    circles: tuple[Circle, ...]
+    circles: tuple[Circle, ...] = Field(max_length=MAX_CIRCLES)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

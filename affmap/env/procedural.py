@@ -18,9 +18,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from affmap.env.layout import Arena, Circle, EffectName, Layout
+from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout
 from affmap.random import generator
-from affmap.settings import Count, Line, NonNegative, Positive, Settings, read
+from affmap.settings import Count, Length, Line, NonNegative, Settings, read
 
 ROUNDS = 300
 """Rounds in which the circles shrink; as many again follow at the smallest radius."""
@@ -29,8 +29,8 @@ ATTEMPTS = 10
 SLACK = 0.03
 """Extra distance by which circles are pushed apart, in smallest radii: pushing converges without quite arriving."""
 
-NumCircles = Annotated[Count, Field(le=1000)]
-"""Number of circles; a draw compares each with each, hundreds of times."""
+NumCircles = Annotated[Count, Field(le=MAX_CIRCLES)]
+"""Number of circles."""
 
 
 class Property(Settings):
@@ -51,11 +51,11 @@ class Procedural(Arena):
     """Smallest and largest number of circles."""
     count_of: Literal["property", "world"]
     """Whether `count` is the number of each property's circles, or of all, each of a property drawn at random."""
-    radius: tuple[Positive, Positive]
+    radius: tuple[Length, Length]
     """Smallest and largest radius, u."""
     gap: NonNegative
     """Smallest distance between spaced circles, and from any circle to the borders, u."""
-    corner_side: Positive
+    corner_side: Length
     """Side of the squares in the arena's corners that no circle reaches into, u."""
     properties: tuple[Property, ...] = Field(min_length=1)
 
@@ -70,6 +70,12 @@ class Procedural(Arena):
             low, high = getattr(self, key)
             if low > high:
                 raise ValueError(f"{key} = {[low, high]} is in the wrong order; write the smaller value first.")
+        groups = len(self.properties) if self.count_of == "property" else 1
+        if groups * self.count[1] > MAX_CIRCLES:
+            raise ValueError(
+                f"count = {list(self.count)} of each of {groups} properties makes up to {groups * self.count[1]} "
+                f"circles; there must be at most {MAX_CIRCLES}."
+            )
         if self.corner_side < self.start_margin + self.start_side - 1e-9:  # 0.1 + 0.2 > 0.3
             raise ValueError(
                 f"corner_side = {self.corner_side} leaves a part of the start squares unprotected; it must be at least "

@@ -2,10 +2,11 @@
 
 from typing import Annotated, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from affmap.model.registry import MLP_SETTINGS, AnyTransition
 from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, Settings
+from affmap.view import EXTENT
 
 
 class ModelSettings(Settings):
@@ -30,9 +31,10 @@ class ModelSettings(Settings):
 class LookupSettings(Settings):
     """Settings of the look-up of context codes in planning (`conf/lookup`)."""
 
-    spacing: NonNegative
-    """Largest distance between neighbouring nodes of the affordance map, u; 0: no map, codes from the view at every
-    position, as in the paper."""
+    spacing: Annotated[NonNegative, Field(le=EXTENT)]
+    """Largest distance between neighbouring nodes of the affordance map, u, at most the width of a view (between nodes
+    further apart lie places that none of them shows); 0: no map, codes from the view at every position, as in the
+    paper."""
     differentiable: bool
     """Whether gradients flow through the map to the position; the paper's do not."""
 

@@ -4,6 +4,7 @@ Imports everything that stages are made with, which takes seconds; `affmap.pipel
 """
 
 import logging
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,14 @@ from affmap import compiled
 from affmap.config.root import Config, label
 from affmap.pipeline.collect import make_data
 from affmap.pipeline.control import make_runs
-from affmap.pipeline.job import as_setting, check_logger, check_models, check_trials, open_store
+from affmap.pipeline.job import MachineError, as_setting, check_logger, check_models, check_trials, open_store
 from affmap.pipeline.paint import make_maps
 from affmap.pipeline.predict import make_predictions
-from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
+from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
 from affmap.pipeline.train import make_models
 from affmap.results import files
 from affmap.results.setting import Setting
-from affmap.store.store import Store
+from affmap.store.attempt import Attempt
 
 log = logging.getLogger("affmap")
 
@@ -29,17 +30,17 @@ def run(config: Config) -> Setting:
     """Complete all stages of a job; returns them as a setting.
 
     Raises:
-        ConfigError: there are no models for it, or models of several trials; or a package is missing.
+        ConfigError: there are no models for it, or models of several trials.
+        MachineError: a package or a GPU is missing.
     """
     check_models(config)
     check_trials(config)
     check_logger(config)
     _set_up(config)
-    store = open_store(config)
-    data, train = _models(config, store)
-    predictions = store.ensure(PREDICT.of(config), lambda attempt: make_predictions(config, data, train, attempt))
-    maps = store.ensure(MAP.of(config), lambda attempt: make_maps(config, train, attempt))
-    runs = store.ensure(CONTROL.of(config), lambda attempt: make_runs(config, train, attempt))
+    data, train = _models(config, (TRAIN, CONTROL))
+    predictions = _ensure(config, PREDICT, (CONTROL,), lambda attempt: make_predictions(config, data, train, attempt))
+    maps = _ensure(config, MAP, (CONTROL,), lambda attempt: make_maps(config, train, attempt))
+    runs = _ensure(config, CONTROL, (CONTROL,), lambda attempt: make_runs(config, train, attempt))
     log.info("%s: complete", label(config))
     return as_setting(config, (data, train, predictions, maps, runs))
 
@@ -51,12 +52,13 @@ def validation(config: Config) -> np.ndarray:
     in single epochs; NaN where a member has diverged.
 
     Raises:
-        ConfigError: there are no models for it; or a package is missing.
+        ConfigError: there are no models for it.
+        MachineError: a package or a GPU is missing.
     """
     check_models(config)
     check_logger(config)
     _set_up(config)
-    _, train = _models(config, open_store(config))
+    _, train = _models(config, (TRAIN,))
     table = files.read_validation(train).query(f"epoch == {config.training.num_epochs}")
     losses = table["validation_nll"].to_numpy().reshape(-1, config.members)
     return np.median(losses, axis=1)
@@ -69,7 +71,8 @@ def score(config: Config) -> float | list[float]:
     runs (u), or the share of successful runs.
 
     Raises:
-        ConfigError: there are no models for it, or several trials are to fly, or a package is missing.
+        ConfigError: there are no models for it, or several trials are to fly.
+        MachineError: a package or a GPU is missing.
     """
     if config.objective == "validation_nll":
         values = validation(config)
@@ -84,7 +87,40 @@ def _set_up(config: Config) -> None:
     compiled.use(config.compiled)
 
 
-def _models(config: Config, store: Store) -> tuple[Path, Path]:
+def _models(config: Config, planned: Collection[StageDefinition]) -> tuple[Path, Path]:
     """Complete exploration and training; returns their folders."""
-    data = store.ensure(DATA.of(config), lambda attempt: make_data(config, attempt))
-    return data, store.ensure(TRAIN.of(config), lambda attempt: make_models(config, data, attempt))
+    data = _ensure(config, DATA, planned, lambda attempt: make_data(config, attempt))
+    return data, _ensure(config, TRAIN, planned, lambda attempt: make_models(config, data, attempt))
+
+
+def _ensure(
+    config: Config, stage: StageDefinition, planned: Collection[StageDefinition], make: Callable[[Attempt], None]
+) -> Path:
+    """Complete a stage; returns its folder. The devices of all `planned` stages are checked before the first is made.
+
+    That is part of an attempt, so that the status of the job gives the reason.
+    """
+    store = open_store(config)
+
+    def build(attempt: Attempt) -> None:
+        check_devices(config, [each for each in planned if not store.has(each.of(config))])
+        make(attempt)
+
+    return store.ensure(stage.of(config), build)
+
+
+def check_devices(config: Config, planned: Collection[StageDefinition]) -> None:
+    """Make sure that this machine has the devices of stages.
+
+    Raises:
+        MachineError: PyTorch finds no such GPU.
+    """
+    has_gpu = torch.cuda.is_available() or torch.backends.mps.is_available()
+    if TRAIN in planned and config.training.accelerator == "gpu" and not has_gpu:
+        raise MachineError("training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator=cpu.")
+    device, count = torch.device(config.control.device), torch.cuda.device_count()
+    if CONTROL in planned and device.type == "cuda" and (device.index or 0) >= count:
+        there = f"only {count} (from cuda:0)" if count else "no CUDA GPU"
+        raise MachineError(
+            f"control.device = {config.control.device!r}: PyTorch finds {there} here; say control.device=cpu."
+        )

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
@@ -15,6 +16,13 @@ from affmap.settings.messages import ConfigError
 from affmap.store.provenance import canonical
 from affmap.store.stage import Stage
 from affmap.store.store import Store
+
+
+class MachineError(Exception):
+    """A lack of this machine, of something that a job needs; the message names it and a remedy.
+
+    No ConfigError, since the values are right: a search, which counts those as failures of a trial, stops.
+    """
 
 
 def stages(config: Config) -> tuple[Stage, ...]:
@@ -104,13 +112,39 @@ def check_logger(config: Config) -> None:
     """Make sure that the logger of trainings is installed.
 
     Raises:
-        ConfigError: it is not.
+        MachineError: it is not.
     """
     if config.logger == "tensorboard" and not find_spec("tensorboard"):
-        raise ConfigError(
+        raise MachineError(
             "logger = 'tensorboard' needs a package that is not installed: pip install 'affmap[tensorboard]', or say "
             "logger=csv."
         )
+
+
+def check_report(sweep: Sweep) -> None:
+    """Make sure that the keys by which a report groups or compares exist; they need not vary in a part of a sweep.
+
+    Raises:
+        ConfigError: one of them does not.
+    """
+    swept = {key.replace("/", ".") for values in sweep.values for key in values}
+    for name in ("compare", "x", "color"):
+        key = getattr(sweep.first.report, name)
+        if key is None or key in swept:
+            continue
+        if not _has(sweep.first.complete(), key):
+            raise ConfigError(f"report.{name} = {key!r} is no key that results depend on; correct its spelling.")
+        if name == "compare" and key.partition(".")[0] not in CONTROL.all_keys:
+            raise ConfigError(
+                f"report.compare = {key!r} is no key that runs of control depend on; those are keys of "
+                f"{', '.join(CONTROL.all_keys)}."
+            )
+
+
+def _has(values: Any, key: str) -> bool:
+    """Whether nested mappings have a dotted key."""
+    first, _, rest = key.partition(".")
+    return isinstance(values, Mapping) and first in values and (not rest or _has(values[first], rest))
 
 
 def check_members(sweep: Sweep) -> None:

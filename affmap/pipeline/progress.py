@@ -23,7 +23,7 @@ def track(
     `note` is called with both numbers, to record them elsewhere.
     """
     # Workers of a parallel sweep share the terminal: their bars would overwrite each other.
-    has_terminal = multiprocessing.current_process().name == "MainProcess" and sys.stdout.isatty()
+    has_terminal = multiprocessing.current_process().name == "MainProcess" and bool(sys.stdout and sys.stdout.isatty())
     with (_bar if has_terminal else _lines)(description, total, unit) as show:
 
         def update(finished: int) -> None:
@@ -35,7 +35,13 @@ def track(
 
 @contextmanager
 def _bar(description: str, total: int, unit: str) -> Iterator[Callable[[int], None]]:
-    columns = TextColumn(description), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn()
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns) as progress:
         task = progress.add_task(description, total=total)
         yield lambda finished: progress.update(task, completed=finished)

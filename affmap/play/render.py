@@ -124,8 +124,9 @@ def check(path: Path) -> None:
 
 
 def main() -> None:
-    """`affmap-render`: a film of trained agents that fly from a corner to the opposite one."""
-    parser = argparse.ArgumentParser(prog="affmap-render", description=main.__doc__)
+    """Run the command `affmap-render`."""
+    about = "`affmap-render`: a film of trained agents that fly from a corner to the opposite one."
+    parser = argparse.ArgumentParser(prog="affmap-render", description=about)
     known = ", ".join(experiments())
     parser.add_argument(
         "source", nargs="?", default="exp1", help=f"a report's folder, or one of {known} (default: exp1)"

@@ -268,8 +268,9 @@ def _on(shown: bool) -> str:
 
 
 def main() -> None:
-    """`affmap-play`: fly the vehicle, or watch a trained agent imagine and fly."""
-    parser = argparse.ArgumentParser(prog="affmap-play", description=main.__doc__)
+    """Run the command `affmap-play`."""
+    about = "`affmap-play`: fly the vehicle, or watch a trained agent imagine and fly."
+    parser = argparse.ArgumentParser(prog="affmap-play", description=about)
     known = ", ".join(experiments())
     parser.add_argument(
         "source", nargs="?", default="exp1", help=f"a report's folder, or one of {known} (default: exp1)"

@@ -10,7 +10,8 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
-from affmap.settings import Count, Line, Name, Neutral, Number, Positive, Settings, read
+from affmap.settings import Count, Length, Line, Name, Neutral, Number, Settings, read
+from affmap.view import EXTENT
 
 Value = bool | int | float | str
 
@@ -134,8 +135,8 @@ MetricName = Literal["validation_nll", "prediction_error", "mean_distance", "suc
 class ReportSettings(Settings):
     """Settings of reports (`conf/report`, and each experiment)."""
 
-    map_spacing: Positive
-    """Distance between the nodes of affordance maps, u."""
+    map_spacing: Annotated[Length, Field(le=EXTENT)]
+    """Distance between the nodes of affordance maps, at most the width of a view, u."""
     snapshots: bool
     """Whether maps are also painted with the weights kept during training."""
     compare: Line | None = Field(exclude=True)
@@ -172,3 +173,11 @@ class ReportSettings(Settings):
             if name.startswith("_"):
                 raise ValueError(f"has {name!r} for {key}; begin it with another character, since legends leave it out")
         return value
+
+    @field_validator("axes")
+    @classmethod
+    def _check_axes(cls, axes: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
+        for metric, (low, high) in axes.items():
+            if low >= high:
+                raise ValueError(f"{metric} = {[low, high]} should be the lowest tick, then the highest.")
+        return axes

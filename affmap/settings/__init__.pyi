@@ -7,6 +7,7 @@ from .types import NAME as NAME
 from .types import Count as Count
 from .types import CountOrNone as CountOrNone
 from .types import Folder as Folder
+from .types import Length as Length
 from .types import Line as Line
 from .types import Name as Name
 from .types import NamePath as NamePath
@@ -17,3 +18,4 @@ from .types import Seed as Seed
 from .types import Share as Share
 from .types import check_folder as check_folder
 from .types import check_line as check_line
+from .types import lies_in as lies_in

@@ -1,5 +1,6 @@
 """Error messages for invalid configuration values, one line each."""
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -32,8 +33,20 @@ def shorten(text: str, length: int) -> str:
 
 def one_line(text: str, length: int = 600) -> str:
     """A text on one line, without characters that cannot be printed, and not longer than `length`."""
-    words = " ".join(text.split())
-    return shorten("".join(c if c.isprintable() else repr(c)[1:-1] for c in words), length)
+    return shorten(printable(" ".join(text.split())), length)
+
+
+def printable(text: str) -> str:
+    """A text of one or more lines, in which characters that cannot be printed, such as escapes, are spelt out."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
+class PrintableFormatter(logging.Formatter):
+    """Formats log messages, which may quote files and names of files, so that they do not control a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The message as a printable text."""
+        return printable(super().format(record))
 
 
 def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str]) -> str:

@@ -1,6 +1,8 @@
 """Types of values in settings: numbers with limits, names that are safe in paths, lines of text, folders."""
 
+import os
 import unicodedata
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -64,11 +66,36 @@ def check_folder(path: Path) -> Path:
     return path
 
 
+def lies_in(path: Path, folder: Path) -> bool:
+    """Whether a path is a folder or lies in it, whatever links lead there; neither needs to exist."""
+    return _lies_in(os.path.abspath(path), os.path.abspath(folder))
+
+
+@lru_cache(maxsize=1024)  # jobs of a sweep have the same folders
+def _lies_in(path: str, folder: str) -> bool:
+    place = Path(os.path.realpath(path))
+    return _identity(Path(os.path.realpath(folder))) in map(_identity, (place, *place.parents))
+
+
+def _identity(path: Path) -> tuple[Any, ...]:
+    """The first folder on the way up that exists, and the rest: a mount or another case is no other folder."""
+    for parent in (path, *path.parents):
+        try:
+            status = parent.stat()
+        except OSError:
+            continue
+        return status.st_dev, status.st_ino, path.relative_to(parent)
+    return (path,)
+
+
 Number = Annotated[float, BeforeValidator(_number), AfterValidator(_not_huge)]
 """A number, such as a coordinate."""
 Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
 """A measure that cannot be 0."""
-NonNegative = Annotated[Number, Field(ge=0)]
+Length = Annotated[Positive, Field(ge=1e-6, le=1000)]
+"""A length, u. Positions have single precision: less than a millionth is lost in an arena of a few units, and beyond a
+thousand, where positions are 0.00006 u apart, Box2D's contacts are."""
+NonNegative = Annotated[Number, Field(ge=0), AfterValidator(_not_tiny)]
 """A measure, or 0 where something is not there."""
 Share = Annotated[Number, Field(ge=0, le=1)]
 """A part of the whole."""

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import resource
 import shlex
 import subprocess
@@ -23,6 +24,9 @@ NUMERIC = ("torch", "lightning", "numpy", "numba", "box2d")
 """Packages whose version may change a result's numbers. The package's own rules are versioned stage by stage."""
 
 _CHECKSUM = "checksum"
+
+_PATH = re.compile(r"^/|=.*(?<![^\s=\[{(,:'\"\\])(~[\w.-]*/|file:|(?!(?<=:)//)/\S)", re.DOTALL)
+"""A path from the root or somebody's home: at the beginning, or in a value, after anything but a name or `https:`."""
 
 
 def canonical(value: Any) -> str:
@@ -67,8 +71,16 @@ def has_valid_checksum(record: Mapping[str, Any]) -> bool:
 
 
 def without_paths(arguments: Sequence[str]) -> list[str]:
-    """A command line's arguments without absolute paths on this machine, which say nothing of a result."""
-    return [argument for argument in arguments if "=/" not in argument]
+    """A command line's arguments without those that hold a path on this machine, which says nothing of a result."""
+    return [argument for argument in arguments if not has_path(argument)]
+
+
+def has_path(argument: str) -> bool:
+    """Whether an argument, or a part of its value such as an element of a list, is an absolute path or one from `~`.
+
+    A key may begin with `~`, which removes it from a configuration.
+    """
+    return bool(_PATH.search(argument))
 
 
 def peak_memory() -> float:

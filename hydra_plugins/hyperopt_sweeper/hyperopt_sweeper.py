@@ -181,17 +181,16 @@ class HyperoptSweeper(Sweeper):
         start = time.perf_counter()
         try:
             results = outcomes(self.launcher.launch(jobs, initial_job_idx=first), len(points), stacked)
-        except (
-            Exception
-        ) as error:  # a process or a cluster's job was killed, for lack of memory, say: nobody knows whose
+        except Exception as error:  # a process was killed, for lack of memory, say: nobody knows whose
             results = [failure(error)] * len(points)
         seconds = round(time.perf_counter() - start, 3)
         crashed = {number: outcome for number, outcome in enumerate(results, start=first) if outcome.crashed}
         failures = sum(trial.crashed for trial in before) + len(crashed)
         if crashed and failures > self.settings.max_failures:
             numbers, outcome = ", ".join(map(str, crashed)), next(iter(crashed.values()))
+            reason = str(outcome.error).rstrip(".")
             raise TrialError(
-                f"Trial{'s' * (len(crashed) > 1)} {numbers} could not be run: {outcome.error}; run the same command to "
+                f"Trial{'s' * (len(crashed) > 1)} {numbers} could not be run: {reason}; run the same command to "
                 f"try again. If that never succeeds, add hydra.sweeper.max_failures={failures} to count this as failed."
             ) from outcome.raised
         trials = []

@@ -1,6 +1,8 @@
 """The commands at the tiniest scale: complete, resumable, brief where all is done, clear in errors."""
 
+import contextlib
 import json
+import re
 import shlex
 import shutil
 import signal
@@ -9,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -19,6 +22,7 @@ from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, 
 
 import affmap.pipeline.job
 from affmap import pipeline
+from affmap.cli import paper, publish, report, status
 from affmap.config.sweep import Sweep
 from affmap.env import Layout
 from affmap.env.procedural import Procedural
@@ -26,7 +30,10 @@ from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import Stack
 from affmap.model.weights import restore
 from affmap.pipeline.completed import completed
-from affmap.pipeline.stage import TRAIN
+from affmap.pipeline.execution import check_devices
+from affmap.pipeline.job import MachineError
+from affmap.pipeline.stage import CONTROL, TRAIN
+from affmap.play import render, window
 from affmap.random import generator
 from affmap.results.files import VALIDATION_COLUMNS
 from affmap.results.setting import Setting
@@ -452,6 +459,64 @@ def test_a_missing_tensorboard_is_reported_before_anything_runs(
     assert not list(tmp_path.rglob("*"))
 
 
+@pytest.fixture
+def no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without a GPU."""
+    for place, name, value in (
+        (torch.cuda, "is_available", False),
+        (torch.cuda, "device_count", 0),
+        (torch.backends.mps, "is_available", False),
+    ):
+        monkeypatch.setattr(place, name, lambda value=value: value)
+
+
+NO_GPU = [
+    ("control.device=cuda", "control.device = 'cuda': PyTorch finds no CUDA GPU here; say control.device=cpu"),
+    ("training.accelerator=gpu", "training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator="),
+]
+
+
+@pytest.mark.usefixtures("no_gpu")
+def test_a_missing_gpu_is_reported_at_the_start_of_a_job(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is explored, with the reason in the status; a job whose stages are complete needs none."""
+    for overrides, message in NO_GPU:
+        assert in_process(monkeypatch, "affmap", line(tmp_path, overrides)) == 1
+        captured = capsys.readouterr()
+        assert message in captured.out and "Traceback" not in captured.out
+        assert f"the only setting: MachineError: {message}" in captured.err
+        assert [path.name for path in (tmp_path / "store").glob("*/*.partial/*")] == ["unfinished"]
+        assert in_process(monkeypatch, "affmap-status", line(tmp_path, overrides)) == 0
+        assert message in capsys.readouterr().out
+        assert in_process(monkeypatch, "affmap", line(swept, *SWEEP, overrides)) == 0
+
+
+@pytest.mark.usefixtures("no_gpu")
+def test_a_missing_gpu_stops_a_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is no failure of the trials, none of which is kept."""
+    asked = line(tmp_path, "search=training", "training.accelerator=gpu", "hydra.sweeper.num_trials=4")
+    assert in_process(monkeypatch, "affmap", asked) == 1
+    assert capsys.readouterr().err.count("could not be run: MachineError: training.accelerator = 'gpu': PyTorch") == 1
+    assert not list(tmp_path.rglob("trials.jsonl"))
+
+
+def test_gpus_that_are_there_are_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two, the first and the second, not the third; Apple's trains."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: True)
+    for device in ("cpu", "cuda", "cuda:0", "cuda:1"):
+        (config,) = jobs(tmp_path, f"control.device={device}", "training.accelerator=gpu")
+        check_devices(config, (TRAIN, CONTROL))
+    (config,) = jobs(tmp_path, "control.device=cuda:2")
+    with pytest.raises(MachineError, match=r"'cuda:2': PyTorch finds only 2 \(from cuda:0\) here"):
+        check_devices(config, (CONTROL,))
+    check_devices(config, (TRAIN,))
+
+
 def test_publishing_keeps_report_and_models(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -493,6 +558,18 @@ def test_publishing_keeps_report_and_models(
             assert (kept / folder / name).read_bytes() == (swept / folder / name).read_bytes()
         assert Store(kept / "store").find(TRAIN.of(config)) == kept / folder
     assert len(files) == 4 + 2 * 3
+
+
+def test_a_report_is_not_published_onto_itself(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the reference's store beside the reports, logs and pages would be lost; publishing is not reached."""
+    monkeypatch.setattr(publish, "check_publishable", lambda config: None)
+    monkeypatch.setattr("affmap.report.build.check", lambda report: None)
+    before = contents(swept)
+    assert in_process(monkeypatch, "affmap-publish", line(swept, *SWEEP)) == 2
+    assert "would be published as" in (message := capsys.readouterr().err) and "say reference=<folder>/store" in message
+    assert contents(swept) == before
 
 
 def test_a_report_of_other_results_is_not_replaced(
@@ -561,6 +638,18 @@ def test_hydra_s_own_flags(
     assert in_process(monkeypatch, "affmap", arguments) == 0
     assert message in capsys.readouterr().out
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("module", [paper, publish, report, status, render, window])
+def test_optimised_bytecode_has_help(
+    module: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without docstrings, as `python -OO` leaves a command."""
+    monkeypatch.setattr(module.main, "__doc__", None)
+    monkeypatch.setattr(sys, "argv", ["a command", "--help"])
+    with contextlib.suppress(SystemExit):
+        module.main()
+    assert re.search(r"`affmap-\w+`: [a-z ]{10}", " ".join(capsys.readouterr().out.split()))
 
 
 @pytest.mark.parametrize("entry", ["affmap-status", "affmap-report", "affmap-publish"])

@@ -46,6 +46,25 @@ def test_each_setting_has_a_row() -> None:
     ]
 
 
+def test_text_from_files_is_shown_as_text(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Rich's markup and emoji, and escapes, in a setting's name, an error and a log file that somebody else wrote."""
+    nasty = "a[bold]b[/x] :smile: \x1b[31m\u202e"
+    shown = r"a[bold]b[/x] :smile: \x1b[31m\u202e"
+    stage = StageStatus("train", "e", State("failed", 1.0, error=nasty, log=f"/logs/{nasty}"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("affmap.pipeline.status.jobs", lambda part: [JobStatus(nasty, (stage,))])
+    assert in_process(monkeypatch, "affmap-status", ["scale=smoke"]) == 0
+    lines = [each.strip() for each in capsys.readouterr().out.splitlines()]
+    assert any(each.startswith(f"{shown}   failed   train") for each in lines)
+    assert lines[-2:] == [f"{shown}: {shown}", f"log: /logs/{shown}"]
+    assert in_process(monkeypatch, "affmap-status", [nasty, "\udcff"]) == 2  # folders, the second not named in text
+    errors = capsys.readouterr().err.splitlines()
+    assert [each.partition(": ")[0] for each in errors] == [shown.partition(": ")[0], r"\udcff"]
+    assert all(each.isprintable() for each in errors)
+
+
 def test_what_is_shared_counts_once_in_the_sum() -> None:
     """10 + 100 + 200 + 30 + 40 s; 120 + 360 + 150 s."""
     assert summary(FOUND) == (

@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
@@ -182,7 +182,16 @@ BAD: list[tuple[str, Any, str]] = [
     ("objective", "fame", "'validation_nll', 'mean_distance' or 'success'"),
     ("growth", 3, "valid string"),
     ("vehicle.radius", -0.06, "greater than 0"),
+    ("vehicle.radius", 0.005, "greater than or equal to 0.01"),
     ("vehicle.mass", math.nan, "finite number"),
+    ("vehicle.mass", 1e-12, "Box2D flies at 2 at most"),
+    ("vehicle.mass", 1e12, "lost in rounding"),
+    ("vehicle.thrust", 1e12, "Box2D flies at 2 at most"),
+    ("vehicle.thrust", 1e-12, "lost in rounding"),
+    ("vehicle.force", 1e12, "Box2D flies at 2 at most"),
+    ("vehicle.fog_std", 1e12, "less than or equal to 1000"),
+    ("vehicle.time_step_s", 1e-12, "lost in rounding"),
+    ("vehicle.position_iterations", 10**6, "less than or equal to 1000"),
     ("vehicle.thrust", math.inf, "finite number"),
     ("vehicle.damping", 40.0, "below 1 / time_step_s"),
     ("vehicle.velocity_iterations", 0, "greater than 0"),
@@ -222,6 +231,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("training.snapshot_epochs", 5, "valid tuple"),
     ("training.accelerator", "abacus", "'cpu', 'gpu' or 'auto'"),
     ("lookup.spacing", -0.1, "greater than or equal to 0"),
+    ("lookup.spacing", 100.0, "less than or equal to 0.5"),
     ("lookup.differentiable", "perhaps", "valid boolean"),
     ("planner.kind", "oracle", "'cem' or 'gradient'"),
     ("planner.horizon", 0, "greater than 0"),
@@ -239,12 +249,19 @@ BAD: list[tuple[str, Any, str]] = [
     ("control.num_steps", 0, "greater than 0"),
     ("control.runs_per_member", 0, "greater than 0"),
     ("control.beta", -1.0, "greater than or equal to 0"),
+    ("control.beta", 1e12, "less than or equal to 1000000"),
     ("control.goal_std_far", 0.0, "greater than 0"),
+    ("control.goal_std_far", 1e12, "less than or equal to 1000"),
+    ("control.goal_std_near", 1e-12, "greater than or equal to 0.000001"),
     ("control.goal_std_near", math.nan, "finite number"),
     ("control.near_distance", -0.5, "greater than 0"),
     ("control.goal_radius", 0.0, "greater than 0"),
+    ("control.goal_radius", 100.0, "would count runs as successes where they start"),
+    ("control.goal_radius", 2.8, "the goal may be 2.778 u away"),  # 2.4 to the side and 1.4 up
     ("control.device", "tpu", "pattern"),
+    ("control.device", "cuda:01", "pattern"),
     ("report.map_spacing", 0.0, "greater than 0"),
+    ("report.map_spacing", 0.6, "less than or equal to 0.5"),
     ("report.snapshots", "some", "valid boolean"),
     ("report.partial", "some", "valid boolean"),
     ("report.compare", 3, "valid string"),
@@ -256,6 +273,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
     ("report.paper_figures", 4, "valid dictionary"),
     ("report.axes", [0, 1], "valid dictionary"),
+    ("report.axes", {"success": [1.0, 0.0]}, "success = [1.0, 0.0] should be the lowest tick, then"),
 ]
 
 
@@ -353,6 +371,39 @@ def test_keys_that_do_not_go_together_are_named(values: Values) -> None:
     assert str(caught.value) == (
         "the test: training: transition_lr has 2 values, but vision_max_norm has 3; lists need one for each trial."
     )
+
+
+FOLDERS = [
+    ({"output": "store"}, "output and store are both 'store'"),
+    ({"output": "link"}, "output and store are one, 'link' = 'store'"),
+    ({"reference": "../here/store"}, "store and reference are one"),
+    ({"output": "."}, "output = '.' is not allowed"),
+    ({"output": "../here"}, "store = 'store' lies in output = '../here'"),
+    ({"output": "link/a"}, "output = 'link/a' lies in store = 'store'"),
+    ({"output": "runs"}, "reference = 'runs/reference/store' lies in output = 'runs'"),
+    ({"output": "runs/reference/store/a"}, "lies in reference = 'runs/reference/store'"),
+    ({"store": "runs/reference"}, "reference = 'runs/reference/store' lies in store = 'runs/reference'"),
+    ({"reference": "store/reference"}, "reference = 'store/reference' lies in store = 'store'"),
+    ({"output": "store/a", "store": "stages"}, "would be published as 'runs/reference/store/a', where reference is"),
+]
+
+
+def test_no_folder_lies_in_another_by_any_name(
+    values: Values, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tried: Callable[[str, int, str], None]
+) -> None:
+    """Publishing `runs` into itself went 431 folders deep; reports beside each other, and in each other, are fine."""
+    (tmp_path / "here" / "store").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "here")
+    Path("link").symlink_to("store")
+    usual = {"output": "exp1", "store": "store", "reference": "runs/reference/store"}
+    for places, message in FOLDERS:
+        with pytest.raises(ConfigError) as caught:
+            checked(values, **usual | places)
+        assert message in str(caught.value) and "\n" not in str(caught.value), places
+    tried("one folder under two names, or inside another one", len(FOLDERS), "a sentence that names both")
+    for output in ("exp1", "exp1/baselines", "runs/reference/exp1", "link-like", "storeroom"):
+        assert checked(values, **usual | {"output": output}).published == Path("runs/reference") / output
+    assert checked(values, **usual | {"output": "a/../b"}).published == Path("runs/reference/b")
 
 
 @pytest.fixture

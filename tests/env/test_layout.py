@@ -71,6 +71,9 @@ def test_the_original_is_the_paper_s_size_with_six_obstacles() -> None:
         ({"border_channel": "sea"}, ["border_channel = 'sea'", "one of channels ['solid']"]),
         ({"size": [3.0, 0.0]}, ["size[1] = 0.0", "greater than 0"]),
         ({"size": [math.inf, 2.0]}, ["size[0] = inf", "finite number"]),
+        ({"size": [1001.0, 2.0]}, ["size[0] = 1001.0", "less than or equal to 1000"]),
+        ({"circles": [circle()] * 20_000}, ["circles = [", "at most 1000 items"]),  # Box2D ended the process
+        ({"circles": [circle(radius=1e12)]}, ["circles[0].radius = 1000000000000.0", "less than or equal to 1000"]),
         ({"start_side": 0.0}, ["start_side = 0.0", "greater than 0"]),
         ({"start_side": 0.91}, ["start_side = 0.91", "start_margin = 0.1", "at most 1.0"]),
         ({"start_margin": -0.1}, ["start_margin = -0.1", "greater than 0"]),

@@ -5,6 +5,7 @@ The reference for motion is `v' = (v + dt F / m) max(0, 1 - dt d)`, then `x' = x
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from affmap.env.body import THROTTLES, Vehicle
+from affmap.env.body import MIN_RADIUS, THROTTLES, Vehicle
 from affmap.env.layout import Acts, Layout
 from affmap.env.physics import Physics
 
@@ -287,6 +288,34 @@ def test_solid_things_are_never_entered(seed: int) -> None:
     walls = np.concatenate([VEHICLE.radius - positions, positions + VEHICLE.radius - np.array([3, 2])], axis=1)
     discs = np.stack([VEHICLE.radius + c.radius - np.linalg.norm(positions - c.center, axis=1) for c in layout.circles])
     assert max(walls.max(), discs.max()) < 4 * SLOP
+
+
+LIMITS: list[dict[str, float]] = [
+    {},
+    {"thrust": 120.0, "force": 175.0},  # 1.9 u per step in a step
+    {"thrust": 120.0, "force": 175.0, "damping": 0.0, "contact_damping": 0.0},
+    {"mass": 0.0008},
+    {"velocity_iterations": 1, "position_iterations": 1},
+]
+
+
+def test_vehicles_at_the_limits_of_the_simulator_stay_in_the_arena(tried: Callable[[str, int, str], None]) -> None:
+    """The smallest and the usual one, at extreme accelerations, among obstacles and in three fields; the limit of the
+    radius is not idle: one of half of it leaves."""
+    fields = world(*[(1.5, 1.0, 5.0, "force_up")] * 3)
+    layouts = [Layout.load("layout", "original"), fields]
+    flights = 0
+    for radius in (MIN_RADIUS, VEHICLE.radius):
+        for limits in LIMITS:
+            vehicle = Vehicle.load("vehicle", "default", radius=radius, **limits)
+            for seed, layout in enumerate(layouts):
+                positions, _ = fly(Physics(layout, vehicle, np.array([0.2, 0.2])), random_actions(seed, 300))
+                assert (positions >= 0).all() and (positions <= layout.size).all(), (radius, limits)
+                flights += 1
+    tried("flights at the limits of the vehicle's constants", flights, "inside the arena")
+    small = VEHICLE.model_copy(update={"radius": MIN_RADIUS / 2})
+    paths = [fly(Physics(layouts[0], small, np.array([0.2, 0.2])), random_actions(seed, 300))[0] for seed in range(8)]
+    assert max(path.max() for path in paths) > 3 or min(path.min() for path in paths) < 0
 
 
 def test_a_small_obstacle_is_not_tunnelled_through() -> None:

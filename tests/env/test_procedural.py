@@ -358,6 +358,10 @@ def obstacle(**changes: Any) -> dict[str, Any]:
         ({"channels": ["solid"] * 2}, ["channels = ['solid', 'solid']", "give each its own name"]),
         ({"border_channel": "sea"}, ["border_channel = 'sea'", "one of channels ['solid'"]),
         ({"size": [3.0, 0.0]}, ["size[1] = 0.0", "greater than 0"]),
+        (
+            {"count": [1, 300], "count_of": "property"},
+            ["count = [1, 300] of each of 4 properties", "up to 1200 circles", "at most 1000"],
+        ),
         ({"circles": []}, ["circles = []", "not a known key"]),
     ],
 )

@@ -1,5 +1,6 @@
 """Reports of searches: against a table of trials made by hand."""
 
+import json
 from pathlib import Path
 
 import matplotlib.image
@@ -7,6 +8,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from affmap.cli.report import make_report
+from affmap.config.search import Search
 from affmap.experiments.search import figures as trials
 from affmap.experiments.search import report as searches
 from affmap.experiments.search.report import SearchReport
@@ -85,6 +88,17 @@ def test_a_report_is_that_of_its_trials(path: Path) -> None:
     path.write_text(path.read_text() + "5,ok,1.0,1.0,0.1,cem\n")
     with pytest.raises(ConfigError, match="holds no search of these results"):
         build.check(report(path))
+
+
+def test_the_origin_of_a_search_names_no_folder_of_the_machine(tmp_path: Path) -> None:
+    """Its overrides, configuration and command, of folders given by absolute paths; others are kept."""
+    places = [f"output={tmp_path / 'out'}", f"store='{tmp_path / 'my store'}'", "reference=runs/kept/store"]
+    search = Search.read(["search=training", "members=1", *places])
+    assert search is not None
+    record = make_report(search).record
+    assert record["overrides"][:3] == ["search=training", "members=1", "reference=runs/kept/store"]
+    assert record["config"]["reference"] == "runs/kept/store" and record["config"]["members"] == 1
+    assert str(tmp_path) not in json.dumps(record)
 
 
 def test_what_is_drawn(path: Path) -> None:

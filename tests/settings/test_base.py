@@ -1,15 +1,18 @@
 """Settings: every kind of error is one sentence with file, key, value and remedy; files stay as they are."""
 
+import logging
 from collections.abc import Iterator
 from copy import deepcopy
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Literal
 
 import pytest
+import yaml
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_validator, model_validator
 
 from affmap import settings
-from affmap.settings import ConfigError, Neutral, Settings
+from affmap.settings import ConfigError, Neutral, Settings, folder
 
 
 class Wheel(Settings):
@@ -204,3 +207,14 @@ def test_a_copy_with_other_values_has_their_plain_values() -> None:
     for deep in (False, True):
         assert wheel.model_copy(update={"radius": 2.0}, deep=deep).plain == {"radius": 2.0}
     assert wheel.plain == {"radius": 0.5} and wheel.model_copy() == wheel
+
+
+def test_logs_show_text_from_files_as_text() -> None:
+    """Escapes and characters that turn the line around; every format of a log in `conf/hydra` does so."""
+    record = logging.LogRecord("a", logging.INFO, "a.py", 1, "%s is corrupted", ("\x1b[2J\u202e\udcff.ckpt",), None)
+    paths = [*(folder() / "hydra").glob("*_logging/*.yaml")]
+    formats = [each for path in paths for each in yaml.safe_load(path.read_text())["formatters"].values()]
+    assert len(paths) == len(formats) == 2
+    for each in formats:
+        kind = resolve_name(each["class"])
+        assert kind(each["format"], "-").format(record).endswith(r"\x1b[2J\u202e\udcff.ckpt is corrupted")

@@ -21,7 +21,7 @@ from affmap import compiled
 from affmap.store import provenance
 from affmap.store.attempt import Attempt
 from affmap.store.files import digests
-from affmap.store.provenance import PROVENANCE, canonical, versions, with_checksum
+from affmap.store.provenance import PROVENANCE, canonical, versions, with_checksum, without_paths
 from affmap.store.stage import Stage, StoreError, check, copy_stage
 from affmap.store.store import State, Store
 
@@ -381,6 +381,22 @@ def test_a_copy_of_some_files_is_a_stage_of_its_own(complete: Path, tmp_path: Pa
     with pytest.raises(StoreError, match=r"result\.txt is corrupted"):
         copy_stage(complete, target, ["*"])
     assert (target / "result.txt").read_text() == "done"
+
+
+PATHS = [
+    "output=/a/b", "output='/a b/out'", 'output="/a"', "store=[c,/a]", "store=c,/a", "+x={a: /b}", "+x={a:'/b'}",
+    "output='~/x'", "output=~me/x", "store=file:///a", "title=see\\ /a", "store=glob(/a)", "output=//a",
+    "+x=choice(b,/a)", "/run/kernel.json", "--socket=/tmp/x",
+]  # fmt: skip
+OTHERS = [
+    "output=runs/a", "model/transition=gru", "~title", "~report/x", "output=../x", "output=${name}/x", "store=a/~b",
+    "hydra/launcher=joblib", "control.beta=0,1", "title='1 / 2'", "title=https://a.b/c", "title='about ~5'", "-m",
+]  # fmt: skip
+
+
+def test_paths_of_the_machine_are_no_part_of_a_command() -> None:
+    """Quoted, in lists, from somebody's home, as addresses of files; by hand."""
+    assert without_paths([*PATHS, *OTHERS]) == OTHERS
 
 
 def test_provenance_tells_where_a_result_comes_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
