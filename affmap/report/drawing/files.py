@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from affmap.store.files import named_errors
+
 WIDTH = 7.0
 """Inches: the text width of the report's page, so that nothing is scaled and fonts keep their size."""
 
@@ -59,15 +61,20 @@ def save(figure: Figure, path: Path, notice: str | None) -> None:
             "parse_math": False,
         }  # a dollar is a dollar
         figure.text(0.5, top, "\n".join(lines), ha="center", va="top", **style)
-    figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
+    _save(figure, path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
     figure.set_layout_engine("none")  # as it was laid out for the first file, once
     for ax in figure.axes:  # the solver's last digits differ from time to time, and identifiers in an SVG hash them
         ax.set_position(np.round(ax.get_position(original=True).bounds, 9).tolist())
-    figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
+    _save(figure, path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
 
 
 def save_svg(figure: Figure, path: Path) -> None:
     """Save a figure as it was laid out for the other files, unless it is larger than `MAX_SVG`."""
-    figure.savefig(path, metadata={"Date": None, "Creator": None})
+    _save(figure, path, metadata={"Date": None, "Creator": None})
     if path.stat().st_size > MAX_SVG:
         path.unlink()
+
+
+def _save(figure: Figure, path: Path, **options: Any) -> None:
+    with named_errors(path):
+        figure.savefig(path, **options)
