@@ -4,7 +4,6 @@ Only intact files that a manifest lists are copied.
 """
 
 from collections.abc import Sequence
-from inspect import cleandoc
 from pathlib import Path
 
 from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
@@ -28,11 +27,8 @@ REPORT_ONLY = "--report-only"
 
 
 def main() -> None:
-    """`affmap-publish`: keep report and models of an experiment in `runs/reference`.
-
-    `--report-only`: no trainings; `--check`: verify every file that is kept there.
-    """
-    command(_check if CHECK in flags() else _publish, known=[REPORT_ONLY, CHECK], about=cleandoc(main.__doc__ or ""))
+    """`affmap-publish`: keep report and models in `runs/reference`; `--report-only`: no models; `--check`: verify all."""
+    command(_check if CHECK in flags() else _publish, known=[REPORT_ONLY, CHECK], about=main.__doc__)
 
 
 def keep_report(output: Path, config: Config, target: Path, without: Sequence[str]) -> None:
