@@ -273,7 +273,7 @@ def kill_publishing(folder: Path) -> int:
     return kills
 
 
-def at_once(folder: Path) -> None:
+def at_once(folder: Path) -> int:
     """Three reports at once, then three more and three publishes: the files of one."""
     overrides = [*EXPERIMENT, *places(folder)]
     write_stages(overrides)
@@ -290,6 +290,7 @@ def at_once(folder: Path) -> None:
         assert [finish(each)[0] for each in started] == [0] * len(bodies), said(folder)
     assert contents(folder) == expected
     assert not [path for path in folder.rglob(".*") if path.name != ".drawn_by"], "nothing is left behind"
+    return 1
 
 
 def flip(path: Path) -> bytes:
@@ -334,7 +335,7 @@ def kill_paper(folder: Path) -> int:
 
     few = ["planner=cem", "model.context_size=0", "members=1", "baselines=[]", "growth=null"]
     os.chdir(folder.parent)
-    experiments.ROOMS = ("exp1", "exp4")
+    experiments.ROOMS = ("exp1", "exp4")  # less of the same
     for name in experiments.ROOMS:
         write_stages([*few, f"experiment={name}"])
         succeed(command("affmap-report", *few, f"experiment={name}"), folder)
@@ -402,3 +403,28 @@ def kill_search_report(folder: Path) -> int:
     """Kill `affmap-report search=cem`, which draws a real figure."""
     run_search(folder)
     return kill_everywhere(command("affmap-report", *SEARCH, *places(folder)), folder, step=9)
+
+
+ATTACKS: dict[str, Callable[[Path], int]] = {
+    "SIGKILL at each change of the file system by affmap-report": kill_reports,
+    "SIGKILL at each change of the file system by affmap-publish": kill_publishing,
+    "SIGKILL at each change of the file system by a search": kill_search,
+    "SIGKILL at changes of the file system by affmap-report of a search": kill_search_report,
+    "SIGKILL at each change of the file system by affmap-paper --publish": kill_paper,
+    "three reports at once, then three reports and three publishes": at_once,
+    "a flipped bit in each file of a report and of what is published of it": flip_everywhere,
+}
+"""Attack -> function that tries it in a folder, and returns how often."""
+
+
+def attack(root: Path) -> dict[str, tuple[str, int]]:
+    """Attack -> what went wrong, if anything, and how often it was tried."""
+    outcomes = {}
+    for name, function in ATTACKS.items():
+        folder = root / function.__name__ / "runs"
+        folder.mkdir(parents=True)
+        try:
+            outcomes[name] = ("", function(folder))
+        except BaseException:
+            outcomes[name] = (traceback.format_exc(), 0)
+    return outcomes

@@ -29,41 +29,19 @@ REFERENCE = Path(__file__).parents[1] / "runs/reference"
 Tried = Callable[[str, int, str], None]
 
 
-@pytest.mark.parametrize(
-    ("attack", "command"),
-    [
-        (disturbed.kill_reports, "affmap-report"),
-        (disturbed.kill_publishing, "affmap-publish"),
-        (disturbed.kill_paper, "affmap-paper --publish"),
-        (disturbed.kill_search, "a search"),
-        (disturbed.kill_search_report, "the report of a search"),
-    ],
-    ids=lambda value: value.__name__ if callable(value) else "",
-)
-def test_a_kill_at_any_change_of_the_file_system_costs_nothing(
-    attack: Callable[[Path], int], command: str, tmp_path: Path, tried: Tried
-) -> None:
-    """Undisturbed run, byte by byte; what is published already is there at all times."""
-    folder = tmp_path / "runs"
-    folder.mkdir()
-    kills = alone(attack, folder)
-    tried(f"SIGKILL at changes of the file system by {command}", kills, "the bytes of an undisturbed run")
+@pytest.fixture(scope="module")
+def attacks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, int]]:
+    """Attack -> what went wrong, if anything, and how often it was tried; all in one process, which imports once."""
+    return alone(disturbed.attack, tmp_path_factory.mktemp("attacks"))
 
 
-def test_reports_and_publishes_at_once_end_with_the_files_of_one(tmp_path: Path, tried: Tried) -> None:
-    """Three reports at once; then three more, and three publishes."""
-    (tmp_path / "runs").mkdir()
-    alone(disturbed.at_once, tmp_path / "runs")
-    tried("three reports at once, then three reports and three publishes", 1, "the bytes of one of each")
-
-
-def test_a_flipped_bit_in_a_report_or_in_its_published_copy_is_told_and_mended(tmp_path: Path, tried: Tried) -> None:
-    """By `--check`, and by `affmap-publish`, which refuses; what the message says helps."""
-    (tmp_path / "runs").mkdir()
-    flips = alone(disturbed.flip_everywhere, tmp_path / "runs")
-    tried(
-        "a flipped bit in each file of a report, published or not", flips, "the file is named, with a remedy that works"
-    )
+@pytest.mark.parametrize("attack", disturbed.ATTACKS)
+def test_attacks_cost_nothing(attack: str, attacks: dict[str, tuple[str, int]], tried: Tried) -> None:
+    """Undisturbed commands, byte by byte, by the same command; see `disturbed.py` for each attack."""
+    problem, times = attacks[attack]
+    assert not problem, problem
+    told = "the file is named, with a remedy that works; " if "bit" in attack else ""
+    tried(attack, times, f"{told}the bytes of an undisturbed run")
 
 
 @pytest.fixture

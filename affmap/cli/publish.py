@@ -27,7 +27,7 @@ REPORT_ONLY = "--report-only"
 
 
 def main() -> None:
-    """`affmap-publish`: keep report and models in `runs/reference`; `--report-only`: no models; `--check`: verify all."""
+    """`affmap-publish`: keep report and models in `runs/reference`; `--report-only`: no models; `--check`: verify."""
     command(_check if CHECK in flags() else _publish, known=[REPORT_ONLY, CHECK], about=main.__doc__)
 
 

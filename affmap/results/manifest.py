@@ -54,8 +54,8 @@ def write(folder: Path, record: Mapping[str, Any], drawn: Path) -> None:
         drawn: a folder with all files of the report, and no others.
     """
     earlier, files = read_intact(folder), digests(drawn)
-    for name in sorted(earlier.get("files", {}).keys() - files.keys()):
-        if _digest(folder, name):
+    for name, digest in earlier.get("files", {}).items():
+        if name not in files and _digest(folder, name) == digest:
             (folder / name).unlink()
     for path in [folder / PROVENANCE, *folder.glob(f"{PROVENANCE}.*.tmp")]:  # the latter of a command that was killed
         path.unlink(missing_ok=True)
@@ -111,7 +111,7 @@ def read_intact(folder: Path) -> dict[str, Any]:
         record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
         _Manifest.model_validate(record)
         return record if has_valid_checksum(record) else {}
-    except (OSError, ValueError, RecursionError):
+    except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
         return {}
 
 
