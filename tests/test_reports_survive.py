@@ -180,11 +180,20 @@ def test_a_file_that_changes_while_it_is_copied_is_not_published(
     assert not (tmp_path / "kept").exists()
 
 
-def test_a_folder_between_two_renames_is_taken_back(tmp_path: Path) -> None:
-    """By hand: a kill has left the old folder under its other name, and no target."""
+def test_a_folder_between_two_renames_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hand: a kill has left the old folder under its other name, and no target; first the next call fails, too."""
+
+    def fail(_: Path) -> None:
+        raise OSError("nothing can be written")
+
     for name, text in ((".kept.old", "old"), ("new", "new")):
         (tmp_path / name).mkdir()
         (tmp_path / name / "file").write_text(text)
+    with monkeypatch.context() as patch:
+        patch.setattr("affmap.store.files.sync", fail)
+        with pytest.raises(OSError, match="nothing can be written"):
+            replace_folder(tmp_path / "new", tmp_path / "kept")
+    assert (tmp_path / "kept/file").read_text() == "old"
     replace_folder(tmp_path / "new", tmp_path / "kept")
     assert (tmp_path / "kept/file").read_text() == "new" and [path.name for path in tmp_path.iterdir()] == ["kept"]
 
