@@ -90,11 +90,12 @@ $(VENV)-slow/.ready: pyproject.toml constraints.txt
 	$(VENV)-slow/bin/python -m pip install --quiet --editable '.[dev,ray,rl,slurm]'
 	touch $@
 
-check: $(READY)  ## lint, format, types, import graph
+check: $(READY)  ## lint, format, types, import graph; files of the published run against their digests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/affmap-publish --check
 
 format: $(READY)  ## format the code
 	$(BIN)/ruff check --fix .

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NoReturn
 
 from hydra.errors import HydraException
@@ -16,6 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import MachineError, check_members, check_report
 from affmap.settings.messages import ConfigError, printable
+from affmap.store.files import FULL_DISK, locked
 from affmap.store.stage import StoreError
 
 MULTIRUN = ("-m", "--multirun")
@@ -57,6 +59,8 @@ def command(
                 _leave(str(error), 1)
             case BrokenPipeError():  # the reader of the output, such as `head`, has enough
                 os._exit(128 + signal.SIGPIPE)
+            case OSError(errno=number, filename=str(name)) if number in FULL_DISK:
+                _leave(f"The disk of {name} is full; make room and run the same command again.", 1)
             case OSError(filename=name, strerror=reason):
                 _leave(f"{name or 'A file'}: {reason or error}; fix that and run the same command again.", 1)
             case _:
@@ -85,6 +89,18 @@ def read_sweep(arguments: Sequence[str]) -> Sweep:
     check_report(sweep)
     check_members(sweep)
     return sweep
+
+
+@contextmanager
+def written_alone(path: Path) -> Iterator[None]:
+    """Hold the lock of a folder that a command writes; others that write it wait."""
+    lock = path.with_name(f".{path.name}.lock")
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with locked(lock, f"another command that writes {path}"):
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
 
 
 def _first(error: BaseException) -> BaseException:

@@ -1,13 +1,13 @@
 """The command `affmap-paper`: one report of all experiments of the paper."""
 
 import shlex
+from contextlib import ExitStack
 
-from affmap.cli.app import command, flags, read_sweep
-from affmap.cli.publish import check_publishable, check_target
+from affmap.cli.app import command, flags, read_sweep, written_alone
+from affmap.cli.publish import check_publishable, check_target, keep_report
 from affmap.config import sweep
 from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
-from affmap.results import manifest
 from affmap.settings.messages import ConfigError
 from affmap.store.provenance import without_paths
 
@@ -44,9 +44,13 @@ def _paper(paper: Sweep, publish: bool) -> None:
     first = paper.first
     output = first.output.with_name(first.output.name.replace(first.name, "paper"))
     line = shlex.join(["affmap-paper", *without_paths(paper.overrides)])
-    print(f"The report is {build.write(PaperReport(output, chapters, line, first.notice))}")
+    with ExitStack() as stack:
+        for folder in [*(chapter.output for chapter in chapters), output]:  # its figures are theirs
+            stack.enter_context(written_alone(folder))
+        page = build.write(PaperReport(output, chapters, line, first.notice))
+    print(f"The report is {page}")
     if publish:
         check_publishable(first)
         target = first.reference.parent / output.name
         check_target(output, target)
-        manifest.copy(output, target, without=["figures", "*.html"])
+        keep_report(output, first, target, without=["figures", "*.html"])

@@ -1,9 +1,13 @@
-"""The command `affmap-publish`: copy reports, and the models of experiments, to `runs/reference`."""
+"""The command `affmap-publish`: copy reports, and the models of experiments, to `runs/reference`, or verify all of it.
 
+Only intact files that a manifest lists are copied.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
 
-from affmap.cli.app import command, flags
-from affmap.cli.report import make_report, read
+from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
+from affmap.cli.report import CHECK, make_report, read
 from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.model.weights import SNAPSHOT, WEIGHTS
@@ -11,12 +15,14 @@ from affmap.pipeline.completed import completed
 from affmap.results import manifest
 from affmap.results.files import STEPS, VALIDATION
 from affmap.settings import ConfigError, lies_in
-from affmap.store.stage import copy_stage
+from affmap.store.provenance import PROVENANCE
+from affmap.store.stage import StoreError, copy_stage
+from affmap.store.stage import check as check_stage
 
-ABOUT = "`affmap-publish`: keep report and models of an experiment in `runs/reference`; `--report-only`: no trainings."
+ABOUT = "`affmap-publish`: keep report and models in `runs/reference`; `--report-only`: no models; `--check`: verify."
 
-WITHOUT = ("*.pdf", "*.svg", "*.html", "tensorboard")
-"""Files that are not kept: vector figures are in the report's PDF, figures in the page, losses in the tables."""
+WITHOUT = ("*.pdf", "*.svg", "*.html")
+"""Files that are not kept: vector figures are in the report's PDF, figures in the page."""
 
 REPORT_ONLY = "--report-only"
 """Flag: keep neither models nor the tables of their trainings, which are the largest."""
@@ -24,7 +30,13 @@ REPORT_ONLY = "--report-only"
 
 def main() -> None:
     """Run the command `affmap-publish`."""
-    command(_publish, known=[REPORT_ONLY], about=ABOUT)
+    command(_check if CHECK in flags() else _publish, known=[REPORT_ONLY, CHECK], about=ABOUT)
+
+
+def keep_report(output: Path, config: Config, target: Path, without: Sequence[str]) -> None:
+    """Copy a report, see `manifest.copy`, while no other command writes to the reference run."""
+    with written_alone(config.reference):
+        manifest.copy(output, target, without)
 
 
 def check_publishable(config: Config) -> None:
@@ -61,7 +73,7 @@ def _publish(arguments: list[str]) -> None:
     target = config.published
     check_target(config.output, target)
     report_only = REPORT_ONLY in flags()
-    manifest.copy(config.output, target, (*WITHOUT, *((VALIDATION, STEPS) if report_only else ())))
+    keep_report(config.output, config, target, (*WITHOUT, *((VALIDATION, STEPS) if report_only else ())))
     if isinstance(jobs, Search) or config.report.compare or report_only:
         print(f"Kept in {target}")
         return
@@ -76,4 +88,29 @@ def _keep(train: Path, config: Config, also: list[str]) -> None:
     """Copy the weights, losses and other files of a training to the reference run's store."""
     target = config.reference / "train" / train.name
     if train != target:  # else the models come from there
-        copy_stage(train, target, (WEIGHTS, VALIDATION, *also))
+        with written_alone(config.reference):
+            copy_stage(train, target, (WEIGHTS, VALIDATION, *also))
+
+
+def _check(arguments: list[str]) -> None:
+    """Verify the digests of everything in the folder of the reference run.
+
+    Raises:
+        SweepError: a file is not as it was published, or does not belong there.
+    """
+    store = read_sweep(arguments).first.reference
+    root, problems = store.parent, []
+    files = manifest.visible_files(root)
+    folders = [path.parent for path in files if path.name == PROVENANCE]
+    for folder in folders:
+        if folder.is_relative_to(store):
+            try:
+                check_stage(folder)
+            except StoreError as error:
+                problems.append(str(error))
+        else:
+            problems += manifest.problems(folder, others=False)
+    problems += [f"{path} is in no manifest." for path in files if not {*path.parents} & {*folders}]
+    if problems:
+        raise SweepError("\n".join([*problems, "Restore what is published in its last version, or publish it anew."]))
+    print(f"{len(folders)} reports and stages in {root}: every file is as it was published.")

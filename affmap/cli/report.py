@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from affmap.cli.app import SweepError, command, flags, read_sweep
+from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
 from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
@@ -16,9 +16,7 @@ from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
 from affmap.settings.messages import printable
-from affmap.store.files import locked
 from affmap.store.provenance import circumstances, has_path, without_paths
-from hydra_plugins.hyperopt_sweeper import RESULTS
 
 ABOUT = "`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."
 
@@ -74,7 +72,7 @@ def _make_search_report(search: Search) -> Report:
     partial = f"PARTIAL: {count} of {search.num_trials} trials are complete" if count < search.num_trials else None
     return SearchReport(
         config.output,
-        search.folder / RESULTS,
+        search.trials,
         config.objective or "",
         in_use=leaves(config.complete()),
         log_keys=search.log_keys,
@@ -97,15 +95,10 @@ def _report(arguments: list[str]) -> None:
 
     jobs = read(arguments)
     output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
-    lock = output.with_name(f".{output.name}.lock")
-    lock.parent.mkdir(parents=True, exist_ok=True)
-    with locked(lock, f"another command that writes {output}"):
-        try:
-            report = make_report(jobs)
-            manifest.check_output(output, () if isinstance(jobs, Search) else all_stages(jobs))
-            page = build.write(report)
-        finally:
-            lock.unlink(missing_ok=True)
+    with written_alone(output):
+        report = make_report(jobs)
+        manifest.check_output(output, () if isinstance(jobs, Search) else all_stages(jobs))
+        page = build.write(report)
     if page.suffix == ".md":
         print(f"{printable(page.read_text('utf-8'))}\nThe table is {page}")
     else:
@@ -121,7 +114,7 @@ def _check(arguments: list[str]) -> None:
     jobs = read(arguments)
     output, parts, problems = _check_search(jobs) if isinstance(jobs, Search) else _check_sweep(jobs)
     if problems:
-        raise SweepError("\n".join(problems))
+        raise SweepError("\n".join([*problems, "affmap-report makes a report anew."]))
     print(f"{parts} and the report in {output}: every file is as it was written.")
 
 
@@ -130,7 +123,7 @@ def _check_search(search: Search) -> tuple[Path, str, list[str]]:
     output = search.config.output
     problems = manifest.problems(output)
     if not problems and not manifest.same_results(manifest.read(output), _make_search_report(search).record):
-        problems = [f"{output} is the report of other trials; affmap-report makes it anew."]
+        problems = [f"{output} is the report of other trials."]
     return output, f"{search.num_complete} trials", problems
 
 
@@ -148,5 +141,5 @@ def _check_sweep(sweep: Sweep) -> tuple[Path, str, list[str]]:
     manifest.check_output(output, all_stages(sweep))
     problems += manifest.problems(output)
     if not problems and not manifest.stage_digests(output) <= stages.keys():
-        problems = [f"{output} was made by other versions of the stages' rules; affmap-report makes it anew."]
+        problems = [f"{output} was made by other versions of the stages' rules."]
     return output, f"{len(stages)} stages", problems

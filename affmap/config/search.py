@@ -6,12 +6,12 @@ its sweep.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from affmap.config.compose import check, compose, parse
 from affmap.config.root import Config
 from affmap.settings import ConfigError
-from hydra_plugins.hyperopt_sweeper import TRIALS, read_trials
+from hydra_plugins.hyperopt_sweeper import TRIALS, read_trials, trials_table
 
 AFTER_TRAINING = ("agent", "planner", "control", "lookup", "control_layout", "map_layout", "report")
 """Groups that training does not depend on."""
@@ -61,11 +61,24 @@ class Search(NamedTuple):
         return cls([*fixed, *searched.values()], config, folder, settings.num_trials, log_keys)
 
     @property
+    def trials(self) -> str:
+        """The sweeper's table of the trials that are complete, as CSV.
+
+        Raises:
+            SearchError: their file is corrupted.
+        """
+        return trials_table(self._complete)
+
+    @property
     def num_complete(self) -> int:
         """Number of trials that are complete.
 
         Raises:
             SearchError: their file is corrupted.
         """
+        return len(self._complete)
+
+    @property
+    def _complete(self) -> list[Any]:
         path = self.folder / TRIALS
-        return len(read_trials(path)[1]) if path.is_file() else 0
+        return read_trials(path)[1] if path.exists() else []

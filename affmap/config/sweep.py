@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from hydra.core.override_parser.types import Override, RangeSweep
 from pydantic import TypeAdapter
@@ -23,6 +23,7 @@ from affmap.control.registry import is_learned
 from affmap.settings import ConfigError
 from affmap.settings.messages import format_value, one_line
 from affmap.store.files import write_json
+from affmap.store.provenance import has_valid_checksum, with_checksum
 
 MAX_JOBS = 20_000
 """Most jobs of a command line; more must be a mistake. All are validated before the first one starts."""
@@ -119,10 +120,10 @@ class Sweep(NamedTuple):
 
 
 def write_note(output: Path, overrides: Sequence[str]) -> None:
-    """Note the overrides of a sweep in its output folder, for `read_note`."""
+    """Note the overrides of a sweep in its output folder, with a checksum, for `read_note`."""
     path = output / NOTE
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, {"overrides": [*overrides]})
+    write_json(path, with_checksum({"overrides": [*overrides]}))
 
 
 def read_note(output: Path) -> list[str]:
@@ -137,8 +138,11 @@ def read_note(output: Path) -> list[str]:
     try:
         if not path.is_file() or path.stat().st_size > LARGEST_NOTE:
             raise ValueError(path)
-        lines = TypeAdapter(list[str]).validate_python(json.loads(path.read_text("utf-8"))["overrides"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        note = TypeAdapter(dict[str, Any]).validate_python(json.loads(path.read_text("utf-8")))
+        if not has_valid_checksum(note):
+            raise ValueError(path)
+        lines = TypeAdapter(list[str]).validate_python(note["overrides"])
+    except (OSError, ValueError, KeyError, RecursionError):
         raise ConfigError(
             f"{path} is missing or corrupted; give the overrides of the sweep instead, such as experiment=exp1."
         ) from None

@@ -1,5 +1,6 @@
 """Writer of all reports: draws a folder again when it is out of date, writes and checks its manifest."""
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
@@ -7,6 +8,7 @@ from typing import Any, Protocol
 from affmap.report.markdown import code, escape
 from affmap.results import manifest
 from affmap.settings.messages import ConfigError
+from affmap.store.files import named_errors
 
 KINDS = {"compare": "a comparison", "trials": "a search", "experiments": "a report of the paper", "jobs": "a report"}
 """Key of a manifest that identifies the kind of report -> the name of the kind."""
@@ -30,27 +32,33 @@ class Report(Protocol):
         """The file to open first."""
         ...
 
-    def draw(self) -> None:
-        """Write tables, figures and pages into `output`."""
+    def draw(self, folder: Path) -> None:
+        """Write tables, figures and pages into an empty folder beside `output`, from where they are moved."""
         ...
 
 
 def write(report: Report) -> Path:
     """Write a report and its manifest; returns the file to open first.
 
-    Does nothing if the folder already holds this report, of the same results and by the same code.
+    Does nothing if the folder already holds this report, of the same results and by the same code. An interruption
+    leaves the earlier report, or one without a manifest, which the next call makes anew.
 
     Raises:
         ConfigError: the folder holds a report of another kind.
     """
     record = report.record
-    there, kind = _kind(manifest.read(report.output)), _kind(record)
+    there, kind = _kind(manifest.read_intact(report.output)), _kind(record)
     if there not in (None, kind):
         raise ConfigError(f"{report.output} holds {KINDS[there]}; say output=runs/<name> for {KINDS[kind]}.")
     if not manifest.is_current(report.output, record):
-        report.output.mkdir(parents=True, exist_ok=True)
-        report.draw()
-        manifest.write(report.output, record)
+        drawn = report.output.with_name(f".{report.output.name}.drawn")
+        shutil.rmtree(drawn, ignore_errors=True)
+        drawn.mkdir(parents=True)
+        try:
+            report.draw(drawn)
+            manifest.write(report.output, record, drawn)
+        finally:
+            shutil.rmtree(drawn, ignore_errors=True)
     return report.page
 
 
@@ -74,7 +82,8 @@ def markdown_page(path: Path, title: str, notice: str | None, command: str, text
 def write_text(path: Path, text: str) -> None:
     """Write a text with the same bytes on every machine."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, "utf-8", newline="\n")
+    with named_errors(path):
+        path.write_text(text, "utf-8", newline="\n")
 
 
 def _kind(record: Mapping[str, Any]) -> Any:

@@ -74,7 +74,7 @@ class ExperimentReport:
         """The PDF."""
         return self.output / "report.pdf"
 
-    def draw(self) -> None:
+    def draw(self, folder: Path) -> None:
         """Write tables, figures and page, see `build.Report`."""
         from affmap.report import figures, page  # drawing takes seconds to import
         from affmap.report.content import Content
@@ -85,20 +85,20 @@ class ExperimentReport:
 
         results, settings = self.results, self.settings
         scores = score(results, self.room.claims)
-        self._write_tables(scores)
-        drawn = figures.draw_all(self.room.figures, results, settings, self.output / "figures", self.notice)
+        self._write_tables(folder / "tables", scores)
+        drawn = figures.draw_all(self.room.figures, results, settings, folder / "figures", self.notice)
         known = figures.figures_of(*self.room.figures)
         content = Content(self.title, self.notice, results, scores, settings, known, drawn, self.record)
         widgets = {"player": player(results, settings), "explorer": explorer(results, settings)}
         text = fill(self.room.page, content, self.room.folders)
-        page.write(self.output, text, self.notice, {name: widget for name, widget in widgets.items() if widget})
+        page.write(folder, text, self.notice, {name: widget for name, widget in widgets.items() if widget})
 
-    def _write_tables(self, scores: Sequence[Score]) -> None:
+    def _write_tables(self, folder: Path, scores: Sequence[Score]) -> None:
         from affmap.report.build import write_text
         from affmap.report.content import claim_rows, claims_markdown
         from affmap.results.scores import as_table, medians
 
-        folder, results = self.output / "tables", self.results
+        results = self.results
         write_runs(folder, self.name, results.runs)
         write_csv(folder / "validation.csv", results.validation)
         write_csv(folder / "steps.csv", results.steps)

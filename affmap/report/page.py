@@ -22,8 +22,10 @@ from markdown_it import MarkdownIt
 from markdown_it.tree import SyntaxTreeNode
 from markupsafe import Markup, escape
 
+from affmap.report import build
 from affmap.report.drawing.files import DPI
 from affmap.results.statistics import Verdict
+from affmap.store.files import named_errors
 
 _HERE = Path(__file__).parent
 
@@ -50,9 +52,10 @@ def write(output: Path, text: str, notice: str | None, widgets: Widgets) -> None
         widgets: inserted into the HTML in place of comments.
     """
     printed, shown = pdf(output, text, notice), html(output, text, widgets)
-    (output / "report.md").write_text(text, "utf-8", newline="\n")
-    (output / "report.pdf").write_bytes(printed)
-    (output / "report.html").write_text(shown, "utf-8", newline="\n")
+    build.write_text(output / "report.md", text)
+    with named_errors(output / "report.pdf"):
+        (output / "report.pdf").write_bytes(printed)
+    build.write_text(output / "report.html", shown)
 
 
 def parse(text: str) -> list[Node]:

@@ -1,41 +1,93 @@
 """The manifest of a report: `provenance.json` lists its stages, and its files with their digests.
 
-A report is not bound to the code that drew it. A digest of that code lies beside it in a file that is not published,
-and only decides whether `affmap-report` draws again.
+It has a checksum of its own, and is written last: a folder with a manifest is complete. A report is not bound to the
+code that drew it. A digest of that code lies beside it in a file that is not published, and only decides whether
+`affmap-report` draws again.
 """
 
 import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatch
 from functools import cache
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from affmap.settings.messages import ConfigError
-from affmap.store.files import digests, guarded_read, sha256
-from affmap.store.provenance import PROVENANCE
+from affmap.store.files import atomic_write, copy_files, digests, named_errors, replace_folder, sha256
+from affmap.store.provenance import PROVENANCE, has_valid_checksum, with_checksum
 from affmap.store.stage import Stage
-
-PARTS = ("report.md", "report.pdf", "report.html", "figures", "tables")
-"""Parts of a report, besides its provenance."""
 
 DRAWN_BY = ".drawn_by"
 """File of a report's folder: the digest of the code that drew it."""
 
 
-def write(folder: Path, record: Mapping[str, Any]) -> None:
-    """Write the manifest of a report whose other files are complete; a folder with a manifest is complete."""
-    _write(folder, {**record, "files": _digests(folder)})
+class _Stage(BaseModel):
+    digest: str
+    configuration: str | None = None
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    stages: list[_Stage] = []
+
+
+class _Manifest(_Part):
+    """A manifest, as far as it is used."""
+
+    files: dict[Annotated[str, StringConstraints(pattern=r"^[^/\x00]+(/[^/\x00]+)*$")], str]
+    experiments: dict[str, _Part] = {}
+
+
+def write(folder: Path, record: Mapping[str, Any], drawn: Path) -> None:
+    """Move the files of a drawing into the folder of their report, replacing an earlier report, and list them.
+
+    Other files in the folder are left alone.
+
+    Args:
+        folder: of the report.
+        record: everything that the report depends on.
+        drawn: a folder with all files of the report, and no others.
+    """
+    earlier, files = read_intact(folder), digests(drawn)
+    for name, digest in earlier.get("files", {}).items():
+        if name not in files and _digest(folder, name) == digest:
+            (folder / name).unlink()
+    for path in [folder / PROVENANCE, *folder.glob(f"{PROVENANCE}.*.tmp")]:  # the latter of a command that was killed
+        path.unlink(missing_ok=True)
+    for name in files:
+        parent = (folder / name).parent
+        if parent != folder and parent.is_symlink():
+            parent.unlink()  # nothing is written outside of the folder
+        parent.mkdir(parents=True, exist_ok=True)
+        with named_errors(folder / name):
+            shutil.move(drawn / name, folder / name)
     (folder / DRAWN_BY).write_text(code(), "utf-8")
+    save(folder, record, files)
+
+
+def save(folder: Path, record: Mapping[str, Any], files: Mapping[str, str]) -> None:
+    """Write a manifest with a checksum.
+
+    Args:
+        folder: of the report.
+        record: everything that the report depends on.
+        files: name of each of its files -> digest.
+    """
+    with atomic_write(folder / PROVENANCE) as path:
+        path.write_text(_text(record, files), "utf-8", newline="\n")
 
 
 def is_current(folder: Path, record: Mapping[str, Any]) -> bool:
     """Whether a folder holds the report of a record, drawn by this code, with every file intact."""
-    path, drawn_by = folder / PROVENANCE, folder / DRAWN_BY
-    if not path.is_file() or not drawn_by.is_file() or drawn_by.read_text("utf-8") != code():
+    manifest, drawn_by = read_intact(folder), folder / DRAWN_BY
+    if not manifest or problems(folder) or not drawn_by.is_file() or drawn_by.read_bytes() != code().encode():
         return False
-    return _text({**record, "files": _digests(folder)}) == path.read_text("utf-8")
+    return _text(record, manifest["files"]).encode() == (folder / PROVENANCE).read_bytes()
 
 
 def read(folder: Path) -> dict[str, Any]:
@@ -44,13 +96,23 @@ def read(folder: Path) -> dict[str, Any]:
     Raises:
         ConfigError: it is corrupted.
     """
-    path = folder / PROVENANCE
-    if not path.is_file():
-        return {}
-    with guarded_read(path):
-        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
-        record["files"].items()
+    record = read_intact(folder)
+    if not record and (folder / PROVENANCE).exists():
+        raise ConfigError(
+            f"{folder / PROVENANCE} is corrupted, or another version of affmap wrote it; restore it, or make the "
+            "report anew with affmap-report (affmap-publish, if it is a published one)."
+        )
     return record
+
+
+def read_intact(folder: Path) -> dict[str, Any]:
+    """The manifest of the report in a folder; empty if there is none, or a corrupted one: it is made anew."""
+    try:
+        record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
+        _Manifest.model_validate(record)
+        return record if has_valid_checksum(record) else {}
+    except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
+        return {}
 
 
 def stage_digests(folder: Path) -> set[str]:
@@ -59,13 +121,11 @@ def stage_digests(folder: Path) -> set[str]:
     Raises:
         ConfigError: its manifest is corrupted.
     """
-    record = read(folder)
-    with guarded_read(folder / PROVENANCE):
-        return {stage["digest"] for stage in record.get("stages", ())}
+    return {stage["digest"] for stage in read(folder).get("stages", ())}
 
 
 def check_output(output: Path, stages: Iterable[Stage]) -> None:
-    """Make sure that a report never replaces one of other results; one of older rules may be replaced.
+    """Make sure that a report never replaces one of other results; one of older rules, or corrupted, may be replaced.
 
     Args:
         output: the report's folder.
@@ -74,9 +134,8 @@ def check_output(output: Path, stages: Iterable[Stage]) -> None:
     Raises:
         ConfigError: the folder holds a report of other stages.
     """
-    record = read(output)
-    with guarded_read(output / PROVENANCE):
-        old = {stage.get("configuration", stage["digest"]) for stage in record.get("stages", ())}
+    stages_there = read_intact(output).get("stages", ())
+    old = {stage.get("configuration", stage["digest"]) for stage in stages_there}
     if not old <= {stage.configuration for stage in stages}:
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
 
@@ -92,34 +151,65 @@ def _results(record: Mapping[str, Any]) -> tuple[Any, ...]:
     return record.get("compare"), record.get("trials"), stages
 
 
-def problems(folder: Path) -> list[str]:
+def problems(folder: Path, others: bool = True) -> list[str]:
     """Errors in the files of a report, a sentence each.
 
-    Raises:
-        ConfigError: its manifest is corrupted.
+    Args:
+        folder: of the report.
+        others: whether the folder may hold files that are not the report's; hidden ones are always allowed.
     """
-    record = read(folder)
+    try:
+        record = read(folder)
+    except ConfigError as error:
+        return [str(error)]
     if not record:
         return [f"{folder} holds no report."]
     sentences = []
     for name, digest in record["files"].items():
-        if not (folder / name).is_file():
+        actual = _digest(folder, name)
+        if actual is None:
             sentences.append(f"{folder / name} is missing.")
-        elif sha256(folder / name) != digest:
+        elif actual != digest:
             sentences.append(f"{folder / name} is not as it was written.")
+    if not others:
+        known = {folder / name for name in (PROVENANCE, *record["files"])}
+        sentences += [f"{path} does not belong there." for path in visible_files(folder) if path not in known]
     return sentences
 
 
+def visible_files(folder: Path) -> list[Path]:
+    """All files and links below a folder, sorted, but for hidden ones and those in hidden folders."""
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file() or path.is_symlink())
+    return [path for path in paths if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+
+
 def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
-    """Copy a report, but for logs and files that match one of `without`, replacing `target`."""
-    new = target.with_name(f"{target.name}.new")
-    shutil.rmtree(new, ignore_errors=True)
-    shutil.copytree(folder, new, ignore=shutil.ignore_patterns("jobs", DRAWN_BY, *without))
-    for path in folder.glob("*.pdf"):
-        shutil.copy(path, new)
-    _write(new, {**read(folder), "files": _digests(new)})
-    shutil.rmtree(target, ignore_errors=True)
-    new.replace(target)
+    """Copy the files that the manifest of a report lists, replacing `target`.
+
+    Args:
+        folder: of the report.
+        target: the folder of the copy.
+        without: patterns of files and folders that are left out; a PDF beside the manifest never is.
+
+    Raises:
+        ConfigError: a file of the report is not as it was written.
+    """
+    if sentences := problems(folder):
+        raise ConfigError("\n".join([*sentences, "Run affmap-report again, which makes the report anew."]))
+    record = read(folder)
+    files = {name: digest for name, digest in record["files"].items() if _is_kept(PurePath(name), without)}
+    new = target.with_name(f".{target.name}.new")
+    copy_files(folder, new, files)
+    if digests(new) != files:
+        raise ConfigError(f"{folder} was changed while it was copied; run the same command again.")
+    save(new, record, files)
+    replace_folder(new, target)
+
+
+def _is_kept(name: PurePath, without: Sequence[str]) -> bool:
+    if name.match("*.pdf") and len(name.parts) == 1:
+        return True
+    return not any(fnmatch(part, pattern) for part in name.parts for pattern in without)
 
 
 @cache
@@ -131,13 +221,14 @@ def code() -> str:
     return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
 
 
-def _digests(folder: Path) -> dict[str, str]:
-    return {name: digest for name, digest in digests(folder).items() if Path(name).parts[0] in PARTS}
+def _digest(folder: Path, name: str) -> str | None:
+    """The digest of a file of a report; None if there is no such file inside the folder, but a link out of it, say."""
+    path = folder / name
+    is_own = path.resolve() == folder.resolve() / name
+    return sha256(path) if is_own and path.is_file() else None
 
 
-def _write(folder: Path, record: Mapping[str, Any]) -> None:
-    (folder / PROVENANCE).write_text(_text(record), "utf-8", newline="\n")
-
-
-def _text(record: Mapping[str, Any]) -> str:
-    return json.dumps(record, indent=1, ensure_ascii=False, default=dict) + "\n"
+def _text(record: Mapping[str, Any], files: Mapping[str, str]) -> str:
+    """The text of a manifest; `record` may be one, whose files and checksum are replaced."""
+    values = json.loads(json.dumps({**record, "files": files}, default=dict))
+    return json.dumps(with_checksum(values), indent=1, ensure_ascii=False) + "\n"

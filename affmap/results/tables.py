@@ -35,6 +35,7 @@ from affmap.results.setting import (
     Setting,
 )
 from affmap.settings import ConfigError
+from affmap.store.files import named_errors
 from affmap.store.provenance import canonical
 
 
@@ -257,4 +258,5 @@ def write_runs(folder: Path, experiment: str, runs: pd.DataFrame) -> None:
 def write_csv(path: Path, table: pd.DataFrame) -> None:
     """Write a table with the same bytes on every machine; its folder is made where it is missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
+    with named_errors(path):
+        table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")

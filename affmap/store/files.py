@@ -3,13 +3,15 @@
 `guarded_read` and `read_arrays` raise ConfigError where a file is corrupted, and execute nothing in it.
 """
 
+import errno
 import hashlib
 import json
 import logging
 import os
 import pickle
+import shutil
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,9 @@ CORRUPTION = (
 )
 """Errors of readers of arrays, tables, weights, checkpoints and JSON where a file is corrupted."""
 
+FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
+"""Error numbers of a disk, or of a user's share of it, that is full."""
+
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
@@ -38,13 +43,57 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """
     temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
-        yield temporary
-        _sync(temporary)
+        with named_errors(path):
+            yield temporary
+            _sync(temporary)
         os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
     _sync(path.parent)
+
+
+@contextmanager
+def named_errors(path: Path) -> Iterator[None]:
+    """Name the file that a block writes in its system errors: that of a full disk names none, or the source of a copy.
+
+    Raises:
+        OSError: of the block, with a file name.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None or error.errno in FULL_DISK:
+            error.filename = str(path)
+        raise
+
+
+def replace_folder(new: Path, target: Path) -> None:
+    """Let a complete folder take the place of `target`.
+
+    A kill or a power cut at any moment leaves the old folder or the new one: as `target`, or, between two renames, the
+    old one as `.<name>.old` beside it, from where the next call takes it back.
+    """
+    old = target.with_name(f".{target.name}.old")
+    if old.exists() and not target.exists():
+        old.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
+    sync(new)
+    if target.exists():
+        target.rename(old)
+    new.rename(target)
+    _sync(target.parent)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def copy_files(source: Path, target: Path, names: Iterable[str]) -> None:
+    """Copy files of a folder by name, as `target`, and nothing else; an earlier `target` is removed."""
+    shutil.rmtree(target, ignore_errors=True)
+    target.mkdir(parents=True)
+    for name in names:
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        with named_errors(target / name):
+            shutil.copy(source / name, target / name)
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -5,8 +5,6 @@
 
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
@@ -18,7 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from affmap import compiled
 from affmap.store.attempt import Attempt, is_scratch
-from affmap.store.files import digests, sha256, write_json
+from affmap.store.files import copy_files, digests, replace_folder, sha256, write_json
 from affmap.store.provenance import PROVENANCE, canonical, circumstances, has_valid_checksum, peak_memory, with_checksum
 
 
@@ -127,22 +125,19 @@ def check_file(folder: Path, name: str) -> dict[str, Any]:
 
 
 def copy_stage(source: Path, target: Path, patterns: Sequence[str]) -> None:
-    """Copy those files of a completed stage that match one of `patterns`.
+    """Copy those files of a completed stage that match one of `patterns`, replacing `target`.
 
     Raises:
         StoreError: a file is corrupted.
     """
     record = check(source)
     files = {name: digest for name, digest in record["files"].items() if any(fnmatch(name, each) for each in patterns)}
-    partial = target.with_suffix(".partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    for name in files:
-        (partial / name).parent.mkdir(exist_ok=True)
-        shutil.copy(source / name, partial / name)
-    write_json(partial / PROVENANCE, with_checksum({**record, "files": files}))
-    shutil.rmtree(target, ignore_errors=True)
-    os.replace(partial, target)
+    new = target.with_name(f".{target.name}.new")
+    copy_files(source, new, files)
+    if _digests(new) != files:
+        raise StoreError(f"{source} was changed while it was copied; run the same command again.")
+    write_json(new / PROVENANCE, with_checksum({**record, "files": files}))
+    replace_folder(new, target)
 
 
 def read(folder: Path) -> dict[str, Any]:

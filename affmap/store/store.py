@@ -5,7 +5,6 @@ its `provenance.json` lists the digests of its files. Jobs that need a stage whi
 Knows nothing of the work in a stage.
 """
 
-import errno
 import fcntl
 import logging
 import os
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from affmap.store.attempt import Attempt, last_attempt
-from affmap.store.files import locked, sync, write_json
+from affmap.store.files import FULL_DISK, locked, sync, write_json
 from affmap.store.provenance import PROVENANCE, other_versions
 from affmap.store.stage import Stage, StoreError, check, provenance, read, remedy
 
@@ -149,7 +148,7 @@ class Store:
 
 def _is_full(root: Path, error: Exception) -> bool:
     """Whether an error comes from a full disk; libraries report it in ways of their own."""
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if isinstance(error, OSError) and error.errno in FULL_DISK:
         return True
     return root.exists() and shutil.disk_usage(root).free < 2**16
 

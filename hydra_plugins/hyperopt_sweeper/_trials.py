@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from omegaconf import OmegaConf
 
-from hydra_plugins.hyperopt_sweeper._space import SearchError
+from hydra_plugins.hyperopt_sweeper._space import SearchError, TrialError
 
 TRIALS = "trials.jsonl"
 RESULTS = "results.csv"
@@ -88,7 +88,11 @@ def read(path: Path) -> tuple[dict[str, Any], list[Trial]]:
 
 
 def save(path: Path, search: Mapping[str, Any], trials: Sequence[Trial]) -> None:
-    """Write all trials so far."""
+    """Write all trials so far.
+
+    Raises:
+        TrialError: the file cannot be written, because the disk is full, say.
+    """
     lines = [{key: value for key, value in asdict(trial).items() if key != "crashed" or value} for trial in trials]
     body = "".join(f"{json.dumps(line)}\n" for line in [search, *lines])
     head = json.dumps({"sha256": hashlib.sha256(body.encode()).hexdigest()})
@@ -96,16 +100,21 @@ def save(path: Path, search: Mapping[str, Any], trials: Sequence[Trial]) -> None
 
 
 def write_results(folder: Path, trials: Sequence[Trial], best: Trial | None) -> None:
-    """Write a table with a row for each trial, and the best trial in the format of Hydra's other sweepers."""
-    table = io.StringIO()
-    writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(["trial", "status", "result", "batch_seconds", *trials[0].values])
-    for trial in trials:
-        writer.writerow([trial.trial, trial.status, trial.result, trial.batch_seconds, *trial.values.values()])
-    _write(folder / RESULTS, table.getvalue())
+    """Write the table of trials, and the best trial in the format of Hydra's other sweepers; both for readers only."""
+    _write(folder / RESULTS, table(trials))
     if best:
         content = {"name": "hyperopt", "best_params": best.values, "best_value": best.result}
         _write(folder / BEST, OmegaConf.to_yaml(OmegaConf.create(content)))
+
+
+def table(trials: Sequence[Trial]) -> str:
+    """A table with a row for each trial, as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["trial", "status", "result", "batch_seconds", *(trials[0].values if trials else ())])
+    for trial in trials:
+        writer.writerow([trial.trial, trial.status, trial.result, trial.batch_seconds, *trial.values.values()])
+    return text.getvalue()
 
 
 def _brief(value: Any) -> str:
@@ -115,8 +124,11 @@ def _brief(value: Any) -> str:
 
 def _write(path: Path, text: str) -> None:
     new = path.with_name(f"{path.name}.new")
-    with new.open("w", encoding="utf-8", newline="") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(new, path)
+    try:
+        with new.open("w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(new, path)
+    except OSError as error:  # a full disk, whose error names no file
+        raise TrialError(f"{path}: {error.strerror}; make room and run the same command again.") from error

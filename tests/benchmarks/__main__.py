@@ -17,6 +17,10 @@ from measure import Result
 from rich.console import Console
 from tables import plain_table, table
 
+from affmap.results import manifest
+from affmap.store.files import digests
+from affmap.store.provenance import PROVENANCE
+
 EXTRAS = {
     "training": ("growth", "growth"),
     "planning": ("planning", "costs"),
@@ -33,7 +37,7 @@ def main() -> None:
     torch.set_num_threads(1)
     output, progress = arguments.output, Console(stderr=True)
     output.mkdir(parents=True, exist_ok=True)
-    for old in output.glob("*.csv"):  # of an earlier run, perhaps of other parts
+    for old in [*output.glob("*.csv"), *output.glob(PROVENANCE)]:  # of an earlier run, perhaps of other parts
         old.unlink()
     (output / "machine.json").write_text(json.dumps(machine.describe(), indent=2) + "\n", encoding="utf-8")
     results: list[Result] = []
@@ -50,6 +54,7 @@ def main() -> None:
     for extra in extras.values():
         console.print(plain_table(extra))
     figure.write(results, extras.get("growth"), output)
+    manifest.save(output, {"title": "Benchmarks"}, digests(output))
     console.print(f"Written to {output}")
 
 

@@ -35,10 +35,12 @@ from affmap.pipeline.job import MachineError
 from affmap.pipeline.stage import CONTROL, TRAIN
 from affmap.play import render, window
 from affmap.random import generator
+from affmap.results import manifest
 from affmap.results.files import VALIDATION_COLUMNS
 from affmap.results.setting import Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
+from affmap.store.files import sha256
 from affmap.store.store import Store
 
 SWEEP = ["planner=cem", "model.context_size=0,1"]
@@ -408,7 +410,7 @@ def test_one_factor_at_a_time(
     several = [*line(swept), *overrides, "planner.num_iterations=2,3", "report.compare=control.beta"]
     assert in_process(monkeypatch, "affmap-report", several) == 2
     assert "but planner.num_iterations differ, too; sweep over one key at a time" in capsys.readouterr().err
-    (tmp_path / "beta/provenance.json").write_text('{"code": "", "files": {}, "stages": []}')
+    manifest.save(tmp_path / "beta", {"stages": []}, {})
     again = [*line(swept), *overrides, "report.compare=control.beta"]
     assert in_process(monkeypatch, "affmap-report", again) == 2
     assert "holds a report; say output=runs/<name> for a comparison" in capsys.readouterr().err
@@ -537,9 +539,8 @@ def test_publishing_keeps_report_and_models(
     assert in_process(monkeypatch, "affmap-publish", arguments) == 2
     assert "holds no report of these results" in capsys.readouterr().err and not kept.exists()
     used = {stage.digest for config in jobs(swept, *SWEEP) for stage in pipeline.stages(config)}
-    (output / "provenance.json").write_text(
-        json.dumps({"code": "", "files": {}, "stages": [{"digest": digest} for digest in used]})
-    )
+    listed = {name: sha256(output / name) for name in names}
+    manifest.save(output, {"stages": [{"digest": digest} for digest in used]}, listed)
     assert in_process(monkeypatch, "affmap-publish", [*arguments, "--report-only"]) == 0
     assert [path.name for path in kept.iterdir()] == ["exp"]
     for _ in range(2):  # the second time replaces the first
@@ -578,7 +579,7 @@ def test_a_report_of_other_results_is_not_replaced(
     """By hand: the provenance of a report names one stage that is not of this sweep; nothing is run or drawn."""
     output = swept / "taken"
     output.mkdir()
-    (output / "provenance.json").write_text(json.dumps({"code": "", "files": {}, "stages": [{"digest": "another"}]}))
+    manifest.save(output, {"stages": [{"digest": "another"}]}, {})
     for entry in ("affmap", "affmap-report"):
         assert in_process(monkeypatch, entry, [*line(swept, *SWEEP), f"output={output}"]) == 2
         assert "holds the report of other results" in capsys.readouterr().err
@@ -593,7 +594,8 @@ def test_a_report_and_all_that_it_comes_from_can_be_checked(
     shutil.copytree(swept, folder)
     arguments = line(folder, *SWEEP)
     assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 1
-    assert capsys.readouterr().err == f"{folder / 'output'} holds no report.\n"
+    told = f"{folder / 'output'} holds no report.\naffmap-report makes a report anew.\n"
+    assert capsys.readouterr().err == told
     assert in_process(monkeypatch, "affmap-report", arguments) == 0
     capsys.readouterr()
     assert in_process(monkeypatch, "affmap-report", [*arguments, "--check"]) == 0

@@ -1,4 +1,5 @@
 import csv
+import errno
 import json
 import os
 import pickle
@@ -8,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from hydra_plugins.hyperopt_sweeper._space import SearchError
+from hydra_plugins.hyperopt_sweeper._space import SearchError, TrialError
 from hydra_plugins.hyperopt_sweeper._trials import Trial, load, save, write_results
 
 SEARCH = {"space": {"x": "interval(0.0,1.0)", "z": "choice(a,b)"}, "seed": 0}
@@ -90,6 +91,19 @@ def test_a_kill_while_writing_leaves_the_old_file(path: Path, monkeypatch: pytes
         assert load(path, SEARCH) == TRIALS
     save(path, SEARCH, TRIALS[:1])
     assert load(path, SEARCH) == TRIALS[:1]
+
+
+def test_a_full_disk_is_reported_with_the_file(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error of a full disk names no file; the old file stays."""
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(TrialError, match=f"^{path}: No space left on device; make room and run the same command"):
+            save(path, SEARCH, TRIALS[:1])
+    assert load(path, SEARCH) == TRIALS
 
 
 def test_the_file_is_plain_json(path: Path) -> None:

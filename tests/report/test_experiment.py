@@ -269,7 +269,7 @@ def test_a_report_gives_way_to_one_of_newer_rules_and_to_no_other(tmp_path: Path
     old, new, other = Stage("train", {"seed": 0}), Stage("train", {"seed": 0}, {"data": 2}), Stage("train", {"seed": 1})
     for there in (old, new):
         entry = {"digest": there.digest} | ({"configuration": old.digest} if there.rules else {})
-        (tmp_path / "provenance.json").write_text(json.dumps({"files": {}, "stages": [entry]}), "utf-8")
+        manifest.save(tmp_path, {"stages": [entry]}, {})
         for stage in (old, new):
             manifest.check_output(tmp_path, [stage, other])
         with pytest.raises(ConfigError, match="holds the report of other results"):

@@ -80,7 +80,7 @@ class ComparisonReport:
     def _factor(self) -> str:
         return self.key.replace(".", "_")
 
-    def draw(self) -> None:
+    def draw(self, folder: Path) -> None:
         """Write tables and figure, see `build.Report`.
 
         Raises:
@@ -90,10 +90,12 @@ class ComparisonReport:
 
         runs = [_with_loss(job).assign(**{self._factor: value_of(job, self.key)}) for job in self.jobs]
         table = compare(every := pd.concat(runs, ignore_index=True), self.key)
-        write_runs(self.output / "tables", self.name, every)
-        write_csv(self.output / "tables" / f"{self._factor}.csv", table)
-        draw_differences(table, every, self.key, self.output / "figures" / self._factor, self.notice)
-        build.markdown_page(self.page, self.title, self.notice, self.command, markdown(table, self.key))
+        write_runs(folder / "tables", self.name, every)
+        write_csv(folder / "tables" / f"{self._factor}.csv", table)
+        draw_differences(table, every, self.key, folder / "figures" / self._factor, self.notice)
+        build.markdown_page(
+            folder / "tables" / self.page.name, self.title, self.notice, self.command, markdown(table, self.key)
+        )
 
 
 def _with_loss(job: Setting) -> pd.DataFrame:

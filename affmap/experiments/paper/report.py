@@ -63,10 +63,11 @@ class PaperReport:
     def __post_init__(self) -> None:
         for chapter in self.chapters:
             digests = {record["digest"] for record in chapter.results.provenance.values()}
+            problems = manifest.problems(chapter.output)
             if manifest.stage_digests(chapter.output) != digests:
-                raise ConfigError(
-                    f"{chapter.output} holds no report of these results; run affmap-report for them first."
-                )
+                problems = [f"{chapter.output} holds no report of these results."]
+            if problems:
+                raise ConfigError("\n".join([*problems, "Run affmap-report for it first."]))
 
     @property
     def record(self) -> dict[str, Any]:
@@ -87,12 +88,12 @@ class PaperReport:
         """The PDF."""
         return self.output / "report.pdf"
 
-    def draw(self) -> None:
+    def draw(self, folder: Path) -> None:
         """Write tables and page, see `build.Report`."""
         scores = [score(chapter.results, chapter.room.claims) for chapter in self.chapters]
-        _write_tables(self.output / "tables", self.chapters, scores)
+        _write_tables(folder / "tables", self.chapters, scores)
         content = PaperContent(self, scores)
-        page.write(self.output, fill(_HERE / "paper.md", content, (_HERE, PARTS)), self.notice, {})
+        page.write(folder, fill(_HERE / "paper.md", content, (_HERE, PARTS)), self.notice, {})
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ Knows the sweeper's table (one row per trial: trial, status, result, batch_secon
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,6 @@ from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.tables import write_csv
 from affmap.settings import ConfigError
-from affmap.store.files import sha256
 
 FIXED = ("trial", "status", "result", "batch_seconds")
 """Columns that are not keys."""
@@ -26,18 +27,15 @@ SHOWN = 10
 """Rows of the table of the best trials."""
 
 
-def read(path: Path) -> pd.DataFrame:
+def read(text: str) -> pd.DataFrame:
     """Read the sweeper's table of trials.
 
     Raises:
-        ConfigError: the file is missing, or is no such table.
+        ConfigError: no trial has a result.
     """
-    try:
-        table = pd.read_csv(path).astype({"trial": int, "result": float})
-    except (OSError, ValueError, KeyError):
-        raise ConfigError(f"{path} holds no trials; run `affmap` with the same arguments first.") from None
-    if list(table.columns[: len(FIXED)]) != list(FIXED) or not (table["status"] == "ok").any():
-        raise ConfigError(f"{path} holds no complete trials; run `affmap` with the same arguments first.")
+    table = pd.read_csv(StringIO(text)).astype({"trial": int, "result": float})
+    if not (table["status"] == "ok").any():
+        raise ConfigError("the search holds no trials with a result; run `affmap` with the same arguments first.")
     return table
 
 
@@ -49,8 +47,8 @@ class SearchReport:
     """
 
     output: Path
-    path: Path
-    """The sweeper's table."""
+    trials: str
+    """The sweeper's table, as CSV."""
     objective: str
     """The objective of the search; `success` is maximised, other metrics are minimised."""
     in_use: Mapping[str, Any]
@@ -69,14 +67,14 @@ class SearchReport:
     def record(self) -> dict[str, Any]:
         """Objective and origin of the trials, see `build.Report`."""
         head = {"title": self.title, "notice": self.notice, "report": self.command, "objective": self.objective}
-        return {**head, **self.origin, "trials": sha256(self.path) if self.path.is_file() else None}
+        return {**head, **self.origin, "trials": sha256(self.trials.encode()).hexdigest()}
 
     @property
     def page(self) -> Path:
         """The best trials in Markdown."""
         return self.output / "tables" / "search.md"
 
-    def draw(self) -> None:
+    def draw(self, folder: Path) -> None:
         """Write tables and figure, see `build.Report`.
 
         Raises:
@@ -84,16 +82,16 @@ class SearchReport:
         """
         from affmap.experiments.search.figures import draw_search  # Matplotlib takes a second to import
 
-        table = read(self.path)
+        table = read(self.trials)
         keys = [key for key in table.columns if key not in FIXED]
         mask = pd.Series(bool(set(keys) <= self.in_use.keys()), table.index)
         for key in keys:
             mask &= table[key] == self.in_use.get(key)
         used = int(table[mask]["trial"].iloc[0]) if mask.any() else None
-        write_csv(self.output / "tables" / "trials.csv", table)
-        draw_search(table, self.objective, used, self.log_keys, self.output / "figures" / "search", self.notice)
+        write_csv(folder / "tables" / "trials.csv", table)
+        draw_search(table, self.objective, used, self.log_keys, folder / "figures" / "search", self.notice)
         text = markdown(table, self.objective, used, keys)
-        build.markdown_page(self.page, self.title, self.notice, self.command, text)
+        build.markdown_page(folder / "tables" / self.page.name, self.title, self.notice, self.command, text)
 
 
 def ranked(table: pd.DataFrame, objective: str) -> pd.DataFrame:

@@ -12,6 +12,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter
 
+from affmap.store.files import named_errors
+
 WIDTH = 7.0
 """Inches: the text width of the report's page, so that nothing is scaled and fonts keep their size."""
 
@@ -66,8 +68,8 @@ def save(figure: Figure, path: Path, notice: str | None) -> None:
         figure.text(0.5, top, "\n".join(lines), ha="center", va="top", **look)
     _take_text_as_it_is(figure)
     _lay_out(figure)
-    figure.savefig(path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
-    figure.savefig(path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
+    _save(figure, path.with_name(f"{path.name}.png"), dpi=DPI, metadata={"Software": None})
+    _save(figure, path.with_name(f"{path.name}.pdf"), metadata={"CreationDate": None})
 
 
 def _take_text_as_it_is(figure: Figure) -> None:
@@ -102,6 +104,11 @@ def _lay_out(figure: Figure) -> None:
 
 def save_svg(figure: Figure, path: Path) -> None:
     """Save a figure as it was laid out for the other files, unless it is larger than `MAX_SVG`."""
-    figure.savefig(path, metadata={"Date": None, "Creator": None})
+    _save(figure, path, metadata={"Date": None, "Creator": None})
     if path.stat().st_size > MAX_SVG:
         path.unlink()
+
+
+def _save(figure: Figure, path: Path, **options: Any) -> None:
+    with named_errors(path):
+        figure.savefig(path, **options)
