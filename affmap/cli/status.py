@@ -65,7 +65,7 @@ def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
         jobs = status.jobs(part)
         console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}", markup=False)
         console.print(table(jobs))
-        for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted")):
+        for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted", "unknown")):
             console.print(failure, markup=False)
 
 

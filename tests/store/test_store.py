@@ -219,12 +219,16 @@ def test_a_read_only_place_comes_first_and_is_never_written(tmp_path: Path) -> N
 
 
 def test_a_folder_without_provenance_is_no_result(tmp_path: Path) -> None:
-    """As a copy that was interrupted leaves it."""
+    """As a copy that was interrupted leaves it; an empty one is none at all."""
     folder = tmp_path / "train" / STAGE.digest
     folder.mkdir(parents=True)
+    (folder / "result.txt").write_text("done")
     assert Store(tmp_path).find(STAGE) is None
     with pytest.raises(StoreError, match=f"{STAGE.digest} has no provenance.json: .* remove the folder"):
         Store(tmp_path).ensure(STAGE, build)
+    (folder / "result.txt").unlink()
+    (folder / ".DS_Store").touch()
+    assert Store(tmp_path).ensure(STAGE, build) == folder == Store(tmp_path).find(STAGE)
 
 
 @pytest.fixture
