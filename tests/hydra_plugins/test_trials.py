@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
+from traces import Trace
 
 from hydra_plugins.hyperopt_sweeper._space import SearchError
 from hydra_plugins.hyperopt_sweeper._trials import Trial, load, read, save, write_results
@@ -107,6 +108,13 @@ def test_a_kill_while_writing_leaves_the_old_file(path: Path, monkeypatch: pytes
         assert load(path, SEARCH) == TRIALS
     save(path, SEARCH, TRIALS[:1])
     assert load(path, SEARCH) == TRIALS[:1]
+
+
+def test_trials_are_on_the_disk_before_they_have_their_name(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As traced: after a power cut the file is the old one or the new one."""
+    trace = Trace(monkeypatch)
+    save(path, SEARCH, TRIALS)
+    assert trace.renamed == [path]
 
 
 def test_the_file_is_plain_json(path: Path) -> None:
