@@ -163,7 +163,7 @@ case "$*" in
     esac ;;
 esac
 """
-"""Stands for Python and every program of an environment: notes its call; makes environments; is interrupted if asked."""
+"""Stands for Python and every program of an environment: notes calls, makes environments, is interrupted if asked."""
 
 PROGRAMS = [*PROJECT["scripts"], "ruff", "mypy", "lint-imports"]
 
@@ -198,11 +198,15 @@ SEARCHES = [path.stem for path in (ROOT / "conf/search").glob("*.yaml")]
 TESTED = {
     **{f"experiment={name}": "test_experiments.py" for name in (*ROOMS, *COMPARISONS)},
     **{f"search={name}": "config/test_search.py" for name in SEARCHES},
-    **{"affmap-paper": "test_experiments.py", "affmap-play": "play/test_window.py", "affmap-publish": "cli/test_run.py"},
+    **{
+        "affmap-paper": "test_experiments.py",
+        "affmap-play": "play/test_window.py",
+        "affmap-publish": "cli/test_run.py",
+    },
     **{"tests/benchmarks": "test_benchmarks.py", "tests/benchmarks/gpu.py": "test_gpu.py", "mkdocs": "test_docs.py"},
     **dict.fromkeys(("pytest", "ruff", "mypy", "lint-imports"), ".ci"),
 }
-"""A word of a command of the Makefile -> the tests that run the same at toy size, or `.ci/run`, which runs the targets."""
+"""A word of a command of the Makefile -> the tests that run it at toy size, or `.ci/run`, which runs its target."""
 
 
 @pytest.mark.parametrize("target", every_target())
@@ -234,7 +238,9 @@ def test_cleaning_removes_what_make_made_and_nothing_else(
     before = {*tmp_path.iterdir()}
     for target in ("setup", ".venv-bench/.ready", ".venv-slow/.ready"):
         assert make(target).returncode == 0
-    assert {*tmp_path.iterdir()} - before == {tmp_path / name for name in (".venv", ".venv-bench", ".venv-slow", "calls")}
+    assert {*tmp_path.iterdir()} - before == {
+        tmp_path / name for name in (".venv", ".venv-bench", ".venv-slow", "calls")
+    }
     assert make("clean").returncode == 0
     assert {*tmp_path.iterdir()} - before == {tmp_path / "calls"} and (tmp_path / "runs").is_dir()
 

@@ -96,7 +96,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("kind", ["objects", "text", "huge", "pickle", "torch", "cut", "empty", "other", "missing"])
 def test_arrays(tmp_path: Path, canary: Path, name: str, kind: str) -> None:
-    """Pickled objects, text and a size of petabytes in every array, a pickle and a checkpoint in its place, and damage."""
+    """Objects, text and a size of petabytes in every array, a pickle and a checkpoint in its place, and damage."""
     path = tmp_path / name
     names = ["position", "view", "action", "counts", "free", "coverage", "codes", "initial_codes", "goal", "member"]
     if kind == "objects":

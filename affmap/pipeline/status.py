@@ -1,4 +1,4 @@
-"""The status of the jobs of a sweep: complete, running, failed, stopped, missing, corrupted or unknown. Runs nothing."""
+"""The status of the jobs of a sweep, one of `affmap.store.store.State` each. Runs nothing."""
 
 from collections.abc import Iterable
 from pathlib import Path
