@@ -139,9 +139,10 @@ def test_weights(tmp_path: Path, canary: Path, kind: str) -> None:
     told(lambda: restore(stack(), path), str(path))
 
 
-@pytest.mark.parametrize("kind", ["bomb", "hyperparameters", "huge"])
+@pytest.mark.parametrize("kind", ["bomb", "hyperparameters", "huge", "other types", "another stack"])
 def test_a_checkpoint_to_resume_from(tmp_path: Path, canary: Path, kind: str) -> None:
-    """A bomb alone, a bomb among what a checkpoint holds, and petabytes; each is named by its digest, as ours are."""
+    """A bomb alone, a bomb among what a checkpoint holds, petabytes, and the names of another module's weights; each is
+    named by its digest, as ours are."""
     exploration = Exploration.load("data", "default", num_sequences=3, num_validation=1, num_steps=10)
     np.savez(
         tmp_path / "dataset.npz",
@@ -151,7 +152,13 @@ def test_a_checkpoint_to_resume_from(tmp_path: Path, canary: Path, kind: str) ->
     settings = TrainingSettings.load("training", "default", num_epochs=1)
     data = module.DataModule(tmp_path / "dataset.npz", exploration, settings.batch_size, settings.chunk_length)
     whole = {"state_dict": stack().state_dict(), "epoch": 0, "global_step": 0}
-    content = {"bomb": Bomb(canary), "hyperparameters": whole | {"x": Bomb(canary)}, "huge": torch.zeros(200)}[kind]
+    content = {
+        "bomb": Bomb(canary),
+        "hyperparameters": whole | {"x": Bomb(canary)},
+        "huge": torch.zeros(200),
+        "other types": {"state_dict": [7]},
+        "another stack": whole,
+    }[kind]
 
     def write(path: Path) -> None:
         torch.save(content, path, _use_new_zipfile_serialization=kind != "huge")
