@@ -28,7 +28,7 @@ LINE = [
 ]
 CONTEXT = multiprocessing.get_context("forkserver")
 CONTEXT.set_forkserver_preload(
-    [
+    [  # the last two, because Hydra takes the folder tests/hydra_plugins for plugins
         *("affmap.cli.run", "affmap.pipeline.execution", "affmap.training.fit", "affmap.compiled.gradients"),
         *("affmap.compiled.search", "affmap.control.imagination", "hydra_plugins.hydra_joblib_launcher._core"),
         *("hydra_plugins.hyperopt_sweeper.hyperopt_sweeper", "hyperopt", "joblib", "pytest", "hypothesis"),

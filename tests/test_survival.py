@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +118,11 @@ def damaged(content: bytes, rng: np.random.Generator) -> Iterator[bytes | None]:
 
 
 def test_every_damaged_file_of_a_finished_sweep_is_reported_with_a_remedy_that_helps(
-    undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    undisturbed: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tried: Callable[[str, int, str], None],
 ) -> None:
     """Each file in four ways: whoever asks for the results is told which it is; the command says so, too, and does
     nothing. What it advises helps: all is as it was."""
@@ -146,11 +150,11 @@ def test_every_damaged_file_of_a_finished_sweep_is_reported_with_a_remedy_that_h
         assert re.match(message, error) and "Traceback" not in error
         path.write_bytes(content)
     assert results(folder) == results(undisturbed)
-    print(f"{count} damaged files told")
     for stage in ("data", "train", "map", "control"):
         shutil.rmtree(next(folder.glob(f"store/{stage}/*")))
         assert finish(start(folder)) == 0, said(folder)
         assert results(folder) == results(undisturbed)
+    tried("a damaged file of a finished sweep", count, "reported with a remedy that gives the same files")
 
 
 @pytest.mark.parametrize("limit", [1, 700, 4_000, 20_000])
