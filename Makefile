@@ -27,13 +27,25 @@ help:  ## list the targets
 
 setup: $(READY)  ## create the virtual environment
 
+$(READY): EXTRAS := [dev,docs]
+$(VENV)-bench/.ready: MORE := --no-deps --requirement tests/benchmarks/requirements.txt
+$(VENV)-bench/.ready: tests/benchmarks/requirements.txt
+$(VENV)-slow/.ready: EXTRAS := [dev,ray,rl,slurm]
+# Ray's launcher wants older versions of these, which no number depends on.
+$(VENV)-slow/.ready: UNPINNED := cloudpickle|joblib|python-dateutil
+
+# An environment that is made here is marked until it is finished: after an interruption it is made anew (pip caches).
 # torch first and pinned: asked for later, a larger build of it may be chosen. The constraints hold for builds, too.
-$(READY): pyproject.toml constraints.txt
+$(READY) $(VENV)-bench/.ready $(VENV)-slow/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "affmap needs Python 3.11 to 3.13: make PYTHON=...")'
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	export PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
-	$(BIN)/python -m pip install --quiet torch && \
-	$(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
+	test ! -e $(@D)/.unfinished || find $(@D) -mindepth 1 ! -path $(@D)/.unfinished -delete
+	test -e $(@D) || { mkdir -p $(@D) && touch $(@D)/.unfinished; }
+	$(@D)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv $(@D)
+	grep -vE '^($(UNPINNED))==' constraints.txt > $(@D)/constraints.txt
+	export PIP_CONSTRAINT=$(@D)/constraints.txt PIP_BUILD_CONSTRAINT=$(@D)/constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
+	$(@D)/bin/python -m pip install --quiet torch && \
+	$(@D)/bin/python -m pip install --quiet --editable '.$(EXTRAS)' $(if $(MORE),&& $(@D)/bin/python -m pip install --quiet $(MORE))
+	rm -f $(@D)/.unfinished
 	touch $@
 
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
@@ -60,14 +72,6 @@ play: $(READY)  ## a window in which to fly, or watch a trained agent imagine an
 bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment of their own (about 5 minutes)
 	$(VENV)-bench/bin/python -W ignore tests/benchmarks $(ARGS)
 
-$(VENV)-bench/.ready: pyproject.toml constraints.txt tests/benchmarks/requirements.txt
-	test -x $(VENV)-bench/bin/python || $(PYTHON) -m venv $(VENV)-bench
-	export PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
-	$(VENV)-bench/bin/python -m pip install --quiet torch && \
-	$(VENV)-bench/bin/python -m pip install --quiet --editable . && \
-	$(VENV)-bench/bin/python -m pip install --quiet --no-deps --requirement tests/benchmarks/requirements.txt
-	touch $@
-
 gpu: $(READY)  ## an NVIDIA card beside the CPU: the same results, and speed (a few minutes; needs torch built for CUDA)
 	$(BIN)/python -W ignore tests/benchmarks/gpu.py $(ARGS)
 
@@ -80,15 +84,6 @@ test: $(READY)  ## run the tests, a process on each core
 
 slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters (Ray, submitit, a stand-in of SLURM); train PPO
 	$(VENV)-slow/bin/python -m pytest -m slow
-
-# Ray's launcher wants older versions of some packages that no number depends on.
-$(VENV)-slow/.ready: pyproject.toml constraints.txt
-	test -x $(VENV)-slow/bin/python || $(PYTHON) -m venv $(VENV)-slow
-	grep -vE '^(cloudpickle|joblib|python-dateutil)==' constraints.txt > $(VENV)-slow/constraints.txt
-	export PIP_CONSTRAINT=$(VENV)-slow/constraints.txt PIP_BUILD_CONSTRAINT=$(VENV)-slow/constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
-	$(VENV)-slow/bin/python -m pip install --quiet torch && \
-	$(VENV)-slow/bin/python -m pip install --quiet --editable '.[dev,ray,rl,slurm]'
-	touch $@
 
 check: $(READY)  ## lint, format, types, import graph; files of the published run against their digests
 	$(BIN)/ruff check .

@@ -27,7 +27,13 @@ LINE = [
     "hydra.launcher.n_jobs=1",
 ]
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["affmap.cli.run", "affmap.pipeline.execution", "affmap.training.fit", "joblib"])
+CONTEXT.set_forkserver_preload(
+    [  # the last two, because Hydra takes the folder tests/hydra_plugins for plugins
+        *("affmap.cli.run", "affmap.pipeline.execution", "affmap.training.fit", "affmap.compiled.gradients"),
+        *("affmap.compiled.search", "affmap.control.imagination", "hydra_plugins.hydra_joblib_launcher._core"),
+        *("hydra_plugins.hyperopt_sweeper.hyperopt_sweeper", "hyperopt", "joblib", "pytest", "hypothesis"),
+    ]
+)
 
 
 def line(folder: Path) -> list[str]:
@@ -56,8 +62,8 @@ def start(folder: Path, *overrides: str, limit: int | None = None) -> ForkServer
 
 
 def finish(process: ForkServerProcess) -> int:
-    """The exit status."""
-    process.join(120)
+    """The exit status; after ten minutes even a busy machine that compiles all loops first is done."""
+    process.join(600)
     assert process.exitcode is not None, "it goes on and on"
     return process.exitcode
 
@@ -67,8 +73,11 @@ def said(folder: Path) -> str:
 
 
 def results(folder: Path) -> dict[str, bytes]:
-    """Every file of the store that holds results: all but where they come from, which tells of times."""
-    files = [path for path in sorted(folder.glob("store/**/*")) if path.is_file() and path.name != "provenance.json"]
+    """Every file of the store that holds results: all but locks, of which a kill at the very end leaves one, and where
+    they come from, which tells of times."""
+    files = [
+        path for path in sorted(folder.glob("store/*/*/**/*")) if path.is_file() and path.name != "provenance.json"
+    ]
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 

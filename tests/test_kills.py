@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_sweep_killed_at_a_hundred_random_moments_ends_with_the_same_results(
-    undisturbed: Path, tmp_path: Path
+    undisturbed: Path, tmp_path: Path, tried: Callable[[str, int, str], None]
 ) -> None:
     """Undisturbed sweep, byte by byte; whenever a sweep is complete, a new one begins."""
     begin = time.monotonic()
@@ -44,3 +45,4 @@ def test_a_sweep_killed_at_a_hundred_random_moments_ends_with_the_same_results(
     assert results(folder) == results(undisturbed)
     print(f"{kills} kills ({dict(where)}) in {sweeps + 1} sweeps")
     assert len(where.keys() - {"between"}) > 1, "kills that hit one kind of stage say little"
+    tried("SIGKILL at a random moment of a sweep", kills, "the files of an undisturbed sweep")

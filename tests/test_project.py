@@ -1,16 +1,24 @@
-"""The files around the package name only what there is: targets, files, extras, versions."""
+"""The files around the package name only what there is: targets, files, extras, versions.
 
+Every target is run, with programs that do nothing but note that they were called, and heals what was interrupted.
+"""
+
+import os
 import re
+import shutil
 import subprocess
 import tomllib
+from collections.abc import Callable
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from test_experiments import COMPARISONS
 
 from affmap.env.registration import environments
+from affmap.experiments import ROOMS
 
 ROOT = Path(__file__).parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -138,3 +146,132 @@ def test_no_file_names_a_registry() -> None:
         *DOCUMENTS,
     ):
         assert not re.search(r"index-url|--index|pypi\.org|pytorch\.org", text(name)), name
+
+
+PROGRAM = """#!/bin/sh
+echo "${0##*/} $*" >> calls
+case "$*" in
+  "-m venv "*)
+    mkdir -p "$3/bin" && for name in python PROGRAMS; do cp "$0" "$3/bin/$name"; done
+    test ! -e stop-venv || { touch "$3/half"; kill -INT 0; sleep 9; }
+    touch "$3/bin/pip" ;;
+  "-m pip "*)
+    test -e "${0%/*}/pip" || exit 1
+    case "$*" in
+      *" torch") test ! -e stop-torch || { touch "${0%/*}/../half"; kill -INT 0; sleep 9; } ;;
+      *"--editable"*) test ! -e stop-package || { touch "${0%/*}/../half"; kill -INT 0; sleep 9; } ;;
+    esac ;;
+esac
+"""
+"""Stands for Python and every program of an environment: notes calls, makes environments, is interrupted if asked."""
+
+PROGRAMS = [*PROJECT["scripts"], "ruff", "mypy", "lint-imports"]
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run make in a folder like the repository, in a process group of its own."""
+    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, tmp_path)
+    for name in ("affmap", "conf", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "program").write_text(PROGRAM.replace("PROGRAMS", " ".join(PROGRAMS)))
+    (tmp_path / "program").chmod(0o755)
+    rest = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = ["make", "PYTHON=./program", *arguments]
+        options: dict[str, Any] = {"capture_output": True, "text": True, "start_new_session": True, "timeout": 60}
+        return subprocess.run(command, cwd=tmp_path, env=rest, check=False, **options)
+
+    return run
+
+
+def every_target() -> list[str]:
+    """All that make knows, as it says itself: those of the help, and each experiment."""
+    database = subprocess.run(["make", "-pRrq"], cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    (phony,) = re.findall(r"^\.PHONY: (.*)$", database, re.MULTILINE)
+    return sorted(phony.split())
+
+
+SEARCHES = [path.stem for path in (ROOT / "conf/search").glob("*.yaml")]
+TESTED = {
+    **{f"experiment={name}": "test_experiments.py" for name in (*ROOMS, *COMPARISONS)},
+    **{f"search={name}": "config/test_search.py" for name in SEARCHES},
+    **{
+        "affmap-paper": "test_experiments.py",
+        "affmap-play": "play/test_window.py",
+        "affmap-publish": "cli/test_run.py",
+    },
+    **{"tests/benchmarks": "test_benchmarks.py", "tests/benchmarks/gpu.py": "test_gpu.py", "mkdocs": "test_docs.py"},
+    **dict.fromkeys(("pytest", "ruff", "mypy", "lint-imports"), ".ci"),
+}
+"""A word of a command of the Makefile -> the tests that run it at toy size, or `.ci/run`, which runs its target."""
+
+
+@pytest.mark.parametrize("target", every_target())
+def test_every_target_runs_commands_that_tests_run(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path, target: str
+) -> None:
+    """The shell's part of each recipe is run as it stands."""
+    result = make(target)
+    assert result.returncode == 0, result.stderr
+    calls = (tmp_path / "calls").read_text().splitlines() if (tmp_path / "calls").exists() else []
+    commands = [call for call in calls if not re.match(r"program |python (-m pip|-c) ", call)]
+    assert commands or target in ("help", "setup", "clean")
+    for command in commands:
+        assert TESTED.keys() & {*command.split()}, command
+
+
+def test_tests_that_run_targets_are_there() -> None:
+    """The files of the table, and the targets of `.ci/run`."""
+    assert {"make check", "make test"} <= {*text(".ci/run").splitlines()}
+    for name in set(TESTED.values()) - {".ci"}:
+        assert (ROOT / "tests" / name).is_file()
+
+
+def test_cleaning_removes_what_make_made_and_nothing_else(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    """Environments, not runs, in a folder like the repository."""
+    (tmp_path / "runs").mkdir()
+    before = {*tmp_path.iterdir()}
+    for target in ("setup", ".venv-bench/.ready", ".venv-slow/.ready"):
+        assert make(target).returncode == 0
+    assert {*tmp_path.iterdir()} - before == {
+        tmp_path / name for name in (".venv", ".venv-bench", ".venv-slow", "calls")
+    }
+    assert make("clean").returncode == 0
+    assert {*tmp_path.iterdir()} - before == {tmp_path / "calls"} and (tmp_path / "runs").is_dir()
+
+
+@pytest.mark.parametrize("environment", [".venv", ".venv-bench", ".venv-slow"])
+@pytest.mark.parametrize("moment", ["venv", "torch", "package"])
+def test_a_first_make_that_was_interrupted_is_healed_by_the_same_command(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path, environment: str, moment: str
+) -> None:
+    """Ctrl-C while the environment is made, without pip yet, and while pip installs: nothing half made is left."""
+    folder, target = tmp_path / environment, f"{environment}/.ready"
+    (tmp_path / f"stop-{moment}").touch()
+    assert make(target).returncode != 0
+    assert (folder / "half").exists() and not (folder / ".ready").exists()
+    (tmp_path / f"stop-{moment}").unlink()
+    result = make(target)
+    assert result.returncode == 0, result.stderr
+    assert (folder / ".ready").exists() and (folder / "bin/pip").exists()
+    assert not (folder / "half").exists() and not (folder / ".unfinished").exists()
+    assert "is up to date" in make(target).stdout
+
+
+def test_an_environment_of_the_user_s_own_is_completed_and_never_removed(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    """One without pip, as some tools make it, and as an interrupted make of earlier versions left it."""
+    for name in ("mine/bin", "mine/package"):
+        (tmp_path / name).mkdir(parents=True)
+    shutil.copy(tmp_path / "program", tmp_path / "mine/bin/python")
+    (tmp_path / "stop-package").touch()
+    assert make("setup", "VENV=mine").returncode != 0
+    (tmp_path / "stop-package").unlink()
+    assert make("setup", "VENV=mine").returncode == 0
+    assert (tmp_path / "mine/package").is_dir() and (tmp_path / "mine/.ready").is_file()

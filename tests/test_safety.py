@@ -9,6 +9,7 @@ import os
 import pickle
 import shlex
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from html.parser import HTMLParser
@@ -97,13 +98,20 @@ READERS: dict[str, Callable[[Path], Any]] = {
 
 
 @pytest.mark.parametrize("name", READERS)
-@pytest.mark.parametrize("kind", ["objects", "pickle", "torch", "cut", "empty", "other", "missing"])
+@pytest.mark.parametrize("kind", ["objects", "text", "huge", "pickle", "torch", "cut", "empty", "other", "missing"])
 def test_arrays(tmp_path: Path, canary: Path, name: str, kind: str) -> None:
-    """Pickled objects in every array of the file, a pickle and a checkpoint in its place, and damage."""
+    """Objects, text and a size of petabytes in every array, a pickle and a checkpoint in its place, and damage."""
     path = tmp_path / name
     names = ["position", "view", "action", "counts", "free", "coverage", "codes", "initial_codes", "goal", "member"]
     if kind == "objects":
         np.savez(path, **{key: np.array([Bomb(canary)], object) for key in names})
+    elif kind == "text":
+        np.savez(path, **dict.fromkeys(names, np.array(["text"])))
+    elif kind == "huge":
+        header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000000,)}"
+        with zipfile.ZipFile(path, "w") as archive:
+            for key in names:
+                archive.writestr(f"{key}.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
     elif kind == "pickle":
         path.write_bytes(pickle.dumps(Bomb(canary)))
     elif kind == "torch":
@@ -115,7 +123,7 @@ def test_arrays(tmp_path: Path, canary: Path, name: str, kind: str) -> None:
     told(lambda: READERS[name](tmp_path), str(path))
 
 
-@pytest.mark.parametrize("kind", ["pickle", "torch", "cut", "empty", "another stack"])
+@pytest.mark.parametrize("kind", ["pickle", "torch", "huge", "cut", "empty", "another stack"])
 def test_weights(tmp_path: Path, canary: Path, kind: str) -> None:
     """What is called safetensors and is not, or holds other weights."""
     path = tmp_path / "weights.safetensors"
@@ -124,6 +132,10 @@ def test_weights(tmp_path: Path, canary: Path, kind: str) -> None:
         path.write_bytes(pickle.dumps(Bomb(canary)))
     elif kind == "torch":
         torch.save({"transition.hidden_weight": Bomb(canary)}, path)
+    elif kind == "huge":
+        entry = {"dtype": "F32", "shape": [10**15], "data_offsets": [0, 4 * 10**15]}
+        header = json.dumps({"transition.hidden_weight": entry}).encode()
+        path.write_bytes(len(header).to_bytes(8, "little") + header)
     elif kind == "another stack":
         save(copy(stack().select([0])), path)
     else:
@@ -131,9 +143,10 @@ def test_weights(tmp_path: Path, canary: Path, kind: str) -> None:
     told(lambda: restore(stack(), path), str(path))
 
 
-@pytest.mark.parametrize("kind", ["bomb", "hyperparameters"])
+@pytest.mark.parametrize("kind", ["bomb", "hyperparameters", "huge", "other types", "another stack"])
 def test_a_checkpoint_to_resume_from(tmp_path: Path, canary: Path, kind: str) -> None:
-    """A bomb alone, and a bomb among what a checkpoint holds; each is named by its digest, as ours are."""
+    """A bomb alone, a bomb among what a checkpoint holds, petabytes, and the names of another module's weights; each is
+    named by its digest, as ours are."""
     exploration = Exploration.load("data", "default", num_sequences=3, num_validation=1, num_steps=10)
     np.savez(
         tmp_path / "dataset.npz",
@@ -143,8 +156,20 @@ def test_a_checkpoint_to_resume_from(tmp_path: Path, canary: Path, kind: str) ->
     settings = TrainingSettings.load("training", "default", num_epochs=1)
     data = module.DataModule(tmp_path / "dataset.npz", exploration, settings.batch_size, settings.chunk_length)
     whole = {"state_dict": stack().state_dict(), "epoch": 0, "global_step": 0}
-    content = {"bomb": Bomb(canary), "hyperparameters": whole | {"x": Bomb(canary)}}[kind]
-    keep(tmp_path, lambda path: torch.save(content, path))
+    content = {
+        "bomb": Bomb(canary),
+        "hyperparameters": whole | {"x": Bomb(canary)},
+        "huge": torch.zeros(200),
+        "other types": {"state_dict": [7]},
+        "another stack": whole,
+    }[kind]
+
+    def write(path: Path) -> None:
+        torch.save(content, path, _use_new_zipfile_serialization=kind != "huge")
+        if kind == "huge":  # 10**15 instead of 200 numbers
+            path.write_bytes(path.read_bytes().replace(b"K\xc8", b"\x8a\x07" + (10**15).to_bytes(7, "little")))
+
+    keep(tmp_path, write)
     (path,) = tmp_path.glob("*.ckpt")
     told(lambda: fit(stack(), data, settings, tmp_path, tmp_path), str(path))
 

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -46,16 +46,14 @@ def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
             start_new_session=True,
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         )
-    deadline = time.monotonic() + 100
+    deadline = time.monotonic() + 600
     while len({path.parent for path in tmp_path.glob("store/train/*/unfinished/*.ckpt")}) < workers:
         assert process.poll() is None and time.monotonic() < deadline, said(tmp_path)
         time.sleep(0.05)
     os.kill(process.pid, number)
-    assert process.wait(20) == 128 + number
+    assert process.wait(60) == 128 + number
     assert "run the same command again to resume." in said(tmp_path) and "Traceback" not in said(tmp_path)
-    while subprocess.run(["pgrep", "--session", str(process.pid)], capture_output=True, check=False).stdout:
-        assert time.monotonic() < deadline, "a worker is left"
-        time.sleep(0.1)
+    wait_for_workers(process.pid)
     assert len({path.parent for path in tmp_path.glob("store/train/*/unfinished/*.ckpt")}) == workers
     states = [setting.state for setting in status.jobs(Sweep.read(overrides))]
     assert states == ["stopped", "stopped" if workers == 2 else "missing"]
@@ -66,9 +64,12 @@ def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
 QUICK = [*LINE, "training.num_epochs=1", "seed=range(12)", "hydra.launcher.n_jobs=2"]
 
 
-def alive(session: int) -> bool:
-    """Whether a process of a session is there."""
-    return bool(subprocess.run(["pgrep", "--session", str(session)], capture_output=True, check=False).stdout)
+def wait_for_workers(session: int) -> None:
+    """Wait until no process of a session is there; within seconds, or a minute on a busy machine."""
+    deadline = time.monotonic() + 60
+    while subprocess.run(["pgrep", "--session", str(session)], capture_output=True, check=False).stdout:
+        assert time.monotonic() < deadline, "a worker is left"
+        time.sleep(0.1)
 
 
 def test_a_signal_at_any_moment_ends_two_workers_too(tmp_path: Path) -> None:
@@ -77,23 +78,23 @@ def test_a_signal_at_any_moment_ends_two_workers_too(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     script = [Path(sys.executable).with_name("affmap"), *QUICK, *line(tmp_path)[len(LINE) :]]
     for turn in range(6):
-        process = subprocess.Popen(
-            script,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-        )
-        deadline = time.monotonic() + 60
+        with (tmp_path / "output.txt").open("w") as output:
+            process = subprocess.Popen(
+                script,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+            )
+        deadline = time.monotonic() + 600
         while not list(tmp_path.glob("store/*/*")) and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.05)
         time.sleep(rng.uniform(1, 6))
         number = (signal.SIGTERM, signal.SIGINT)[turn % 2]
         process.send_signal(number)
-        assert process.wait(20) in (0, 128 + number, -number)  # the last one while Python still imports
-        while alive(process.pid):
-            assert time.monotonic() < deadline + 20, f"a worker is left after {number.name}"
-            time.sleep(0.1)
+        # The last one while Python still imports.
+        assert process.wait(60) in (0, 128 + number, -number), said(tmp_path)
+        wait_for_workers(process.pid)
         if process.returncode == 0:
             shutil.rmtree(tmp_path / "store")
     assert subprocess.run(script, stdout=subprocess.DEVNULL, check=False).returncode == 0
@@ -118,7 +119,11 @@ def damaged(content: bytes, rng: np.random.Generator) -> Iterator[bytes | None]:
 
 
 def test_every_damaged_file_of_a_finished_sweep_is_reported_with_a_remedy_that_helps(
-    undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    undisturbed: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tried: Callable[[str, int, str], None],
 ) -> None:
     """Each file in four ways: whoever asks for the results is told which it is; the command says so, too, and does
     nothing. What it advises helps: all is as it was."""
@@ -146,11 +151,11 @@ def test_every_damaged_file_of_a_finished_sweep_is_reported_with_a_remedy_that_h
         assert re.match(message, error) and "Traceback" not in error
         path.write_bytes(content)
     assert results(folder) == results(undisturbed)
-    print(f"{count} damaged files told")
     for stage in ("data", "train", "map", "control"):
         shutil.rmtree(next(folder.glob(f"store/{stage}/*")))
         assert finish(start(folder)) == 0, said(folder)
         assert results(folder) == results(undisturbed)
+    tried("a damaged file of a finished sweep", count, "reported with a remedy that gives the same files")
 
 
 @pytest.mark.parametrize("limit", [1, 700, 4_000, 20_000])

@@ -30,7 +30,7 @@ from affmap.pipeline.job import (
 )
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
-from affmap.store.files import locked
+from affmap.store.files import check_locks, locked
 from affmap.store.stage import StoreError
 from hydra_plugins.hyperopt_sweeper import TrialError
 
@@ -102,6 +102,7 @@ def _run_sweep(jobs: Sweep) -> None:
         check_models(config)
         check_trials(config)
         check_logger(config)
+    check_locks(first.store)
     for kind in agents_without_models(jobs.configs):
         print(f"agent={kind} flies without a model; the models are trained for the losses and maps of its report only.")
     sweep.write_note(first.output, jobs.overrides)

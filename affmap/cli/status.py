@@ -67,7 +67,7 @@ def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
         jobs = status.jobs(part)
         console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}")
         console.print(table(jobs))
-        for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted")):
+        for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted", "unknown")):
             console.print(printable(failure))
 
 

@@ -3,7 +3,6 @@
 An experiment names its sweep under `sweep`; a key that the command line sets is not swept over.
 """
 
-import json
 import math
 import re
 from collections import Counter
@@ -22,7 +21,7 @@ from affmap.config.root import Config
 from affmap.control.registry import is_learned
 from affmap.settings import ConfigError
 from affmap.settings.messages import format_value, one_line
-from affmap.store.files import write_json
+from affmap.store.files import read_json, write_json
 from affmap.store.provenance import has_valid_checksum, with_checksum
 
 MAX_JOBS = 20_000
@@ -138,11 +137,11 @@ def read_note(output: Path) -> list[str]:
     try:
         if not path.is_file() or path.stat().st_size > LARGEST_NOTE:
             raise ValueError(path)
-        note = TypeAdapter(dict[str, Any]).validate_python(json.loads(path.read_text("utf-8")))
+        note = TypeAdapter(dict[str, Any]).validate_python(read_json(path))
         if not has_valid_checksum(note):
             raise ValueError(path)
         lines = TypeAdapter(list[str]).validate_python(note["overrides"])
-    except (OSError, ValueError, KeyError, RecursionError):
+    except (OSError, ValueError, KeyError):
         raise ConfigError(
             f"{path} is missing or corrupted; give the overrides of the sweep instead, such as experiment=exp1."
         ) from None

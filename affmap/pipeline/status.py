@@ -1,4 +1,4 @@
-"""The status of the jobs of a sweep: complete, running, failed, stopped, missing or corrupted. Runs nothing."""
+"""The status of the jobs of a sweep, one of `affmap.store.store.State` each. Runs nothing."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,6 +14,7 @@ REASONS = {
     "running": "another job works on it",
     "stopped": "its process ended in the middle; was it killed, perhaps for lack of memory?",
     "missing": "it was not begun",
+    "unknown": "it is not complete; whether a job works on it cannot be told, because its disk has no locks",
 }
 """State of an incomplete stage without an error -> the reason."""
 

@@ -65,7 +65,7 @@ class Game:
         beta = pretrained.load(source, context_size=size).settings.beta
         self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0])
         self.worlds = _worlds(self.origin.channels)
-        self.planners = sorted({self.origin.planner, *(path.stem for path in (folder() / "planner").glob("*.yaml"))})
+        self.planners = sorted({self.origin.planner, *_names("planner")})
         self.by_hand, self.throttles, self.message = False, np.zeros(4), ""
         self._seeds = count()
         self._load = cache(self._make)  # so that moving a circle reads no files
@@ -178,8 +178,12 @@ class Game:
         return self._palette(codes)
 
 
+def _names(group: str) -> list[str]:
+    """Names of the files of a group of the configuration, without what systems leave beside them."""
+    return sorted(path.stem for path in (folder() / group).glob("[!.]*.yaml"))
+
+
 def _worlds(channels: tuple[str, ...]) -> list[str]:
     """Names of the fixed layouts with the given channels."""
-    names = sorted(path.stem for path in (folder() / "layout").glob("*.yaml"))
-    layouts = {name: read("layout", name) for name in names}
+    layouts = {name: read("layout", name) for name in _names("layout")}
     return [name for name, values in layouts.items() if "circles" in values and tuple(values["channels"]) == channels]

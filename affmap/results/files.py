@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from affmap.env.layout import Layout
 from affmap.env.scene import Scene
 from affmap.settings.messages import ConfigError
-from affmap.store.files import guarded_read, read_arrays
+from affmap.store.files import guarded_read, read_arrays, read_json
 from affmap.store.provenance import PROVENANCE
 
 COVERAGE, VALIDATION = "coverage.npz", "validation.csv"
@@ -246,7 +246,7 @@ def write_layouts(folder: Path, layouts: Sequence[Layout]) -> None:
 def read_layouts(folder: Path) -> list[Layout]:
     """Read the layout of each of B runs."""
     with guarded_read(folder / LAYOUTS):
-        texts = [json.dumps(layout) for layout in json.loads((folder / LAYOUTS).read_text("utf-8"))]
+        texts = [json.dumps(layout) for layout in read_json(folder / LAYOUTS)]
         layouts = {text: Layout.model_validate_json(text) for text in dict.fromkeys(texts)}  # most runs share theirs
         return [layouts[text] for text in texts]
 
@@ -254,7 +254,7 @@ def read_layouts(folder: Path) -> list[Layout]:
 def read_origin(folder: Path) -> dict[str, Any]:
     """Read the provenance of a stage, with at least its name, digest and configuration."""
     with guarded_read(folder / PROVENANCE):
-        record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
+        record: dict[str, Any] = read_json(folder / PROVENANCE)
         for key in ("stage", "digest", "config"):
             record[key]
         return record

@@ -3,7 +3,6 @@
 All attempts at a stage share its scratch folder, which is removed when the stage is complete.
 """
 
-import json
 import logging
 import os
 import platform
@@ -11,15 +10,34 @@ import shutil
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from affmap.store.files import write_json
+from pydantic import BaseModel, ConfigDict, Field
+
+from affmap.store.files import is_left_behind, read_json, write_json
 from affmap.store.provenance import has_valid_checksum, versions, with_checksum
 
 SECONDS_BETWEEN_NOTES = 2.0
 
 _UNFINISHED = "unfinished"
 _NOTE = "attempt.json"
+
+Seconds = Annotated[float, Field(ge=0, le=1e12)]
+Count = Annotated[int, Field(ge=0, le=10**12)]
+
+
+class _Note(BaseModel):
+    """The note of an attempt, as far as it is used."""
+
+    model_config = ConfigDict(strict=True)
+
+    versions: dict[str, str | None]
+    started: str
+    log: str | None
+    error: str | None
+    finished: Count
+    total: Count
+    seconds: Seconds
 
 
 @dataclass
@@ -44,7 +62,7 @@ class Attempt:
         attempt = cls(folder, earlier.get("seconds", 0.0))
         attempt.scratch.mkdir(parents=True, exist_ok=True)
         for path in folder.iterdir():
-            if path != attempt.scratch:
+            if path != attempt.scratch and not is_left_behind(path.name):  # some cannot be removed
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
         attempt._note = {
             "versions": earlier.get("versions") or versions(),
@@ -101,10 +119,11 @@ def is_scratch(name: str) -> bool:
 def last_attempt(folder: Path) -> dict[str, Any] | None:
     """The note of the last attempt at a stage; None if there was none, or the note is corrupted."""
     try:
-        note = json.loads((folder / _UNFINISHED / _NOTE).read_text("utf-8"))
+        note: dict[str, Any] = read_json(folder / _UNFINISHED / _NOTE)
+        _Note.model_validate(note)
     except (OSError, ValueError):
         return None
-    return note if isinstance(note, dict) and has_valid_checksum(note) else None
+    return note if has_valid_checksum(note) else None
 
 
 def _log_file() -> str | None:

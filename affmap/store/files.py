@@ -7,29 +7,31 @@ import errno
 import hashlib
 import json
 import logging
+import math
 import os
-import pickle
 import shutil
-import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import IO, Any
+from zipfile import ZipFile
 
 import numpy as np
 from filelock import FileLock, Timeout
-from safetensors import SafetensorError
 
 from affmap.settings.messages import ConfigError, one_line
 
 log = logging.getLogger("affmap")
 
-CORRUPTION = (
-    *(OSError, EOFError, ValueError, LookupError, TypeError, RuntimeError),
-    *(BadZipFile, zlib.error, pickle.UnpicklingError, SafetensorError),
-)
-"""Errors of readers of arrays, tables, weights, checkpoints and JSON where a file is corrupted."""
+LARGEST_JSON = 2**27
+"""Bytes; the largest of the paper has half a million. In memory a text takes up to thirty times as many."""
+
+LEFT_BEHIND = (".*", "*~", "#*#", "Icon\r", "Thumbs.db", "desktop.ini", "lost+found", "@eaDir", "__MACOSX")
+"""Names of what file systems, file managers and editors leave in folders. No file of ours has such a name."""
+
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
+"""Errors of a lock on a disk that knows none."""
 
 FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
 """Error numbers of a disk, or of a user's share of it, that is full."""
@@ -108,10 +110,15 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def is_left_behind(name: str) -> bool:
+    """Whether a file, by its name relative to a folder of ours, is something that a system left there."""
+    return any(fnmatch(part, pattern) for part in name.split("/") for pattern in LEFT_BEHIND)
+
+
 def digests(folder: Path) -> dict[str, str]:
-    """Name -> SHA-256 of every file below a folder, sorted by name."""
+    """Name -> SHA-256 of every file below a folder but those that systems left there, sorted by name."""
     paths = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
-    return {name: sha256(paths[name]) for name in sorted(paths)}
+    return {name: sha256(paths[name]) for name in sorted(paths) if not is_left_behind(name)}
 
 
 def sync(folder: Path) -> None:
@@ -128,15 +135,38 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
+def check_locks(folder: Path) -> None:
+    """Make sure that files of a folder, which is made if it is not there, can be locked.
+
+    Raises:
+        ConfigError: the disk has no locks.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f".{os.getpid()}.lock"
+    with locked(path, "nobody"):
+        path.unlink()
+
+
 @contextmanager
 def locked(path: Path, other: str) -> Iterator[None]:
-    """Hold a lock for the block; waiting for `other` to release it is logged."""
-    lock = FileLock(path)
+    """Hold a lock for the block; waiting for `other` to release it is logged.
+
+    Raises:
+        ConfigError: the disk has no locks.
+    """
+    lock = FileLock(path, fallback_to_soft=False)  # a lock that is a mere file outlives a killed job
     try:
         lock.acquire(timeout=0)
     except Timeout:
         log.info("Waiting for %s.", other)
         lock.acquire(poll_interval=0.5)  # a thousand jobs that wait should not keep a file server busy
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        raise ConfigError(
+            f"{path.parent} is on a disk without locks ({error.strerror}), which keep two jobs from writing the same "
+            "files; mount it with locks, or say store= and output= with folders of another disk."
+        ) from None
     try:
         yield
     finally:
@@ -154,18 +184,67 @@ def guarded_read(path: Path) -> Iterator[None]:
         yield
     except ConfigError:
         raise
-    except CORRUPTION as error:
+    except MemoryError:
+        raise ConfigError(
+            f"{path} cannot be read: it needs more memory than there is; read it on a larger machine or, if it is not "
+            "ours, remove its folder and run again."
+        ) from None
+    except Exception as error:  # readers of a damaged file raise almost anything
         reason = one_line(str(error) or type(error).__name__, 200).rstrip(".")
         raise ConfigError(
             f"{path} cannot be read ({reason}): it is corrupted or not ours; remove its folder and run again."
         ) from None
 
 
+def read_json(path: Path) -> Any:
+    """The value of a JSON file.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no JSON, or too large or too deeply nested for a file of ours.
+    """
+    if (size := path.stat().st_size) > LARGEST_JSON:
+        raise ValueError(f"{size} bytes of JSON are too many")
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """All arrays of an `.npz`; none may hold Python objects, which would be pickled code.
 
+    Sizes are looked at before anything is read: in a file that was made to harm they are larger than its contents.
+
     Raises:
-        ConfigError: the file is corrupted.
+        ConfigError: the file is corrupted, or its arrays need more memory than the machine has.
     """
-    with guarded_read(path), path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
+    with guarded_read(path), ZipFile(path) as archive:
+        members = archive.infolist()
+        total = sum(member.file_size for member in members)
+        if total > _MOST_EXPANSION * path.stat().st_size:
+            raise ValueError(f"{total} bytes cannot come out of so short a file")
+        if total > os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"):
+            raise MemoryError
+        arrays = {}
+        for member in members:
+            with archive.open(member) as file:
+                arrays[member.filename.removesuffix(".npy")] = _read_array(file, member.file_size)
+        return arrays
+
+
+_MOST_EXPANSION = 1032
+"""Bytes that can come out of one of a compressed file (zlib's manual: 1032 to 1)."""
+
+
+def _read_array(file: IO[bytes], size: int) -> np.ndarray:
+    """The array of an `.npy` file of `size` bytes; `np.load` would trust its header."""
+    if np.lib.format.read_magic(file) != (1, 0):
+        raise ValueError("an array is of another format than ours")
+    shape, _, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=1000)
+    if dtype.kind not in "biuf":
+        raise ValueError(f"an array has the type {dtype}")
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size - file.tell():
+        raise ValueError(f"an array of {size} bytes cannot have the shape {shape}")
+    file.seek(0)
+    return np.lib.format.read_array(file, allow_pickle=False)

@@ -67,7 +67,10 @@ def with_checksum(record: Mapping[str, Any]) -> dict[str, Any]:
 
 def has_valid_checksum(record: Mapping[str, Any]) -> bool:
     """Whether a record's checksum is that of its other entries."""
-    return with_checksum(record) == record
+    try:
+        return with_checksum(record) == record
+    except (ValueError, RecursionError):  # NaN, or nested more deeply than any of ours
+        return False
 
 
 def without_paths(arguments: Sequence[str]) -> list[str]:

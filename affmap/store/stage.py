@@ -4,7 +4,6 @@
 """
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
@@ -15,8 +14,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from affmap import compiled
-from affmap.store.attempt import Attempt, is_scratch
-from affmap.store.files import copy_files, digests, replace_folder, sha256, write_json
+from affmap.store.attempt import Attempt, Seconds, is_scratch
+from affmap.store.files import copy_files, digests, read_json, replace_folder, sha256, write_json
 from affmap.store.provenance import PROVENANCE, canonical, circumstances, has_valid_checksum, peak_memory, with_checksum
 
 
@@ -59,6 +58,12 @@ class _Record(BaseModel):
     digest: str
     config: dict[str, Any]
     rules: dict[str, int] = {}
+    started: str
+    seconds: Seconds
+    peak_memory_mib: Seconds
+    git: str | None
+    versions: dict[str, str | None]
+    machine: dict[str, str | int | None]
     files: dict[str, str]
 
 
@@ -88,7 +93,7 @@ def _digests(folder: Path) -> dict[str, str]:
 
 
 def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
-    """Verify every file of a completed stage; returns its provenance.
+    """Verify every file of a completed stage but those that systems left there; returns its provenance.
 
     Args:
         folder: of the stage.
@@ -104,10 +109,10 @@ def check(folder: Path, stage: Stage | None = None) -> dict[str, Any]:
     expected, actual = record["files"], _digests(folder)
     del actual[PROVENANCE]
     for name in sorted(expected.keys() | actual.keys()):
-        if expected.get(name) != actual.get(name):
-            problem = "is corrupted" if name in actual else "is missing"
-            problem = problem if name in expected else "does not belong there"
-            raise StoreError(f"{folder / name} {problem}; {remedy(folder)}")
+        if name not in expected:
+            raise StoreError(f"{folder / name} does not belong there; remove that file and run the same command again.")
+        if expected[name] != actual.get(name):
+            raise StoreError(f"{folder / name} is {'corrupted' if name in actual else 'missing'}; {remedy(folder)}")
     return record
 
 
@@ -148,7 +153,7 @@ def read(folder: Path) -> dict[str, Any]:
     """
     path = folder / PROVENANCE
     try:
-        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        record: dict[str, Any] = read_json(path)
         _Record.model_validate(record)
         if has_valid_checksum(record):
             return record

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from affmap.store.attempt import Attempt, last_attempt
-from affmap.store.files import FULL_DISK, locked, sync, write_json
+from affmap.store.files import FULL_DISK, NO_LOCKS, digests, locked, sync, write_json
 from affmap.store.provenance import PROVENANCE, other_versions
 from affmap.store.stage import Stage, StoreError, check, provenance, read, remedy
 
@@ -25,7 +25,7 @@ class State(NamedTuple):
     """The state of a stage."""
 
     name: str
-    """`complete`, `running`, `failed`, `stopped` (interrupted), `missing` or `corrupted`."""
+    """`complete`, `running`, `failed`, `stopped` (interrupted), `missing`, `corrupted`, or `unknown` (no locks)."""
     seconds: float = 0.0
     """Duration of all attempts so far."""
     finished: int = 0
@@ -84,7 +84,8 @@ class Store:
         note = last_attempt(final.with_suffix(".partial"))
         if note is None:
             return State("missing")
-        name = "running" if _is_locked(final.with_suffix(".lock")) else "failed" if note["error"] else "stopped"
+        ended = "failed" if note["error"] else "stopped"
+        name = {True: "running", False: ended, None: "unknown"}[_is_locked(final.with_suffix(".lock"))]
         return State(name, note["seconds"], note["finished"], note["total"], note["error"] or "", note["log"] or "")
 
     def ensure(self, stage: Stage, build: Callable[[Attempt], None]) -> Path:
@@ -108,13 +109,14 @@ class Store:
         return folder or final
 
     def _complete(self, stage: Stage, final: Path, build: Callable[[Attempt], None]) -> None:
-        if final.exists():
+        if digests(final):
             raise StoreError(f"{final} has no {PROVENANCE}: it is corrupted; {remedy(final)}")
         partial = final.with_suffix(".partial")
         if not (partial / PROVENANCE).is_file():  # the last file of a stage
             self._build(stage, partial, build)
         check(partial, stage)
         shutil.rmtree(Attempt(partial).scratch, ignore_errors=True)
+        shutil.rmtree(final, ignore_errors=True)  # empty but for what systems left there
         os.replace(partial, final)
 
     def _build(self, stage: Stage, partial: Path, build: Callable[[Attempt], None]) -> None:
@@ -153,8 +155,8 @@ def _is_full(root: Path, error: Exception) -> bool:
     return root.exists() and shutil.disk_usage(root).free < 2**16
 
 
-def _is_locked(path: Path) -> bool:
-    """Whether a job holds a lock now; tested without writing, since the store may be read-only."""
+def _is_locked(path: Path) -> bool | None:
+    """Whether a job holds a lock now, None if the disk has no locks; tested without writing: it may be read-only."""
     try:
         with path.open() as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -162,4 +164,8 @@ def _is_locked(path: Path) -> bool:
         return False
     except BlockingIOError:
         return True
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        return None
     return False

@@ -132,7 +132,8 @@ def _train(module: TrainingModule, data: DataModule, checkpoints: Path, epochs: 
     checkpoint = last(checkpoints)
     if checkpoint:
         with guarded_read(checkpoint):  # untrusted checkpoint: `weights_only` refuses pickled code
-            torch.load(checkpoint, map_location="cpu", weights_only=True)
+            content = torch.load(checkpoint, map_location="cpu", weights_only=True)
+            module.load_state_dict(content["state_dict"])
     listener = signal.getsignal(signal.SIGINT)
     try:
         trainer.fit(module, data, ckpt_path=checkpoint, weights_only=True)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from omegaconf import OmegaConf
+from pydantic import TypeAdapter
 
 from hydra_plugins.hyperopt_sweeper._space import SearchError, TrialError
 
@@ -50,6 +51,9 @@ class Trial:
         return "fail" if self.result is None else "ok"
 
 
+_TRIAL = TypeAdapter(Trial)
+
+
 def load(path: Path, search: Mapping[str, Any]) -> list[Trial]:
     """The trials of a file, none if it does not exist.
 
@@ -81,9 +85,11 @@ def read(path: Path) -> tuple[dict[str, Any], list[Trial]]:
         head, _, body = path.read_bytes().partition(b"\n")
         if json.loads(head) != {"sha256": hashlib.sha256(body).hexdigest()}:
             raise ValueError("another digest")
-        search, *trials = map(json.loads, body.splitlines())
-        return dict(search), [Trial(**trial) for trial in trials]
-    except (ValueError, TypeError):
+        search, *trials = body.splitlines()
+        for trial in trials:
+            _TRIAL.validate_json(trial, strict=True)
+        return dict(json.loads(search)), [Trial(**json.loads(trial)) for trial in trials]
+    except (ValueError, TypeError, RecursionError):
         raise SearchError(f"{path} is corrupted: it was cut off or edited; restore it, {_REMEDY}.") from None
 
 

@@ -188,9 +188,9 @@ class HyperoptSweeper(Sweeper):
         failures = sum(trial.crashed for trial in before) + len(crashed)
         if crashed and failures > self.settings.max_failures:
             numbers, outcome = ", ".join(map(str, crashed)), next(iter(crashed.values()))
-            reason = str(outcome.error).rstrip(".")
+            cause = str(outcome.error).rstrip(".")
             raise TrialError(
-                f"Trial{'s' * (len(crashed) > 1)} {numbers} could not be run: {reason}; run the same command to "
+                f"Trial{'s' * (len(crashed) > 1)} {numbers} could not be run: {cause}; run the same command to "
                 f"try again. If that never succeeds, add hydra.sweeper.max_failures={failures} to count this as failed."
             ) from outcome.raised
         trials = []

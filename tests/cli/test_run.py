@@ -1,6 +1,7 @@
 """The commands at the tiniest scale: complete, resumable, brief where all is done, clear in errors."""
 
 import contextlib
+import errno
 import json
 import re
 import shlex
@@ -517,6 +518,27 @@ def test_gpus_that_are_there_are_taken(tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(MachineError, match=r"'cuda:2': PyTorch finds only 2 \(from cuda:0\) here"):
         check_devices(config, (CONTROL,))
     check_devices(config, (TRAIN,))
+
+
+@pytest.mark.parametrize("asked", [SWEEP, ["search=training", "hydra.sweeper.num_trials=1"]], ids=["sweep", "search"])
+def test_a_disk_without_locks_is_reported_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str]
+) -> None:
+    """One sentence with the folder and the remedy, and nothing is begun; the status tells what there is."""
+    monkeypatch.chdir(tmp_path)
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    arguments = line(tmp_path, *asked)
+    assert in_process(monkeypatch, "affmap", arguments) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1 and message.startswith(str(tmp_path))
+    assert "is on a disk without locks (No locks available)" in message and "store=" in message
+    assert not list(tmp_path.rglob("*.partial"))
+    assert in_process(monkeypatch, "affmap-status", arguments) == 0
+    assert re.search(r"2 missing|0 of 1 trials complete", capsys.readouterr().out)
 
 
 def test_publishing_keeps_report_and_models(

@@ -1,5 +1,6 @@
 import csv
 import errno
+import hashlib
 import json
 import os
 import pickle
@@ -8,9 +9,10 @@ from typing import Any
 
 import pytest
 import yaml
+from traces import Trace
 
 from hydra_plugins.hyperopt_sweeper._space import SearchError, TrialError
-from hydra_plugins.hyperopt_sweeper._trials import Trial, load, save, write_results
+from hydra_plugins.hyperopt_sweeper._trials import Trial, load, read, save, write_results
 
 SEARCH = {"space": {"x": "interval(0.0,1.0)", "z": "choice(a,b)"}, "seed": 0}
 TRIALS = [
@@ -48,6 +50,23 @@ def test_an_edited_file_is_corrupted(path: Path) -> None:
         path.write_bytes(content[:i] + bytes([content[i] ^ 1]) + content[i + 1 :])
         with pytest.raises(SearchError, match="is corrupted"):
             load(path, SEARCH)
+
+
+def test_trials_with_entries_of_other_types_are_corrupted(path: Path) -> None:
+    """Each has a valid digest, as one who means it would write."""
+    whole = path.read_bytes().splitlines()
+    trial = json.loads(whole[2])
+    others: list[Any] = [None, "x", [], {}, [1], {"x": []}, True]
+    fits: dict[str, list[Any]] = {"error": [None, "x"], "result": [None], "values": [{}, {"x": []}], "point": [{}]}
+    for key in trial:
+        for other in others:
+            if other in fits.get(key, []):
+                continue
+            body = b"".join(line + b"\n" for line in (whole[1], json.dumps({**trial, key: other}).encode()))
+            head = json.dumps({"sha256": hashlib.sha256(body).hexdigest()}).encode()
+            path.write_bytes(head + b"\n" + body)
+            with pytest.raises(SearchError, match="is corrupted"):
+                read(path)
 
 
 def test_a_foreign_file_executes_nothing(path: Path) -> None:
@@ -104,6 +123,13 @@ def test_a_full_disk_is_reported_with_the_file(path: Path, monkeypatch: pytest.M
         with pytest.raises(TrialError, match=f"^{path}: No space left on device; make room and run the same command"):
             save(path, SEARCH, TRIALS[:1])
     assert load(path, SEARCH) == TRIALS
+
+
+def test_trials_are_on_the_disk_before_they_have_their_name(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As traced: after a power cut the file is the old one or the new one."""
+    trace = Trace(monkeypatch)
+    save(path, SEARCH, TRIALS)
+    assert trace.renamed == [path]
 
 
 def test_the_file_is_plain_json(path: Path) -> None:

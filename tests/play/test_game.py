@@ -1,10 +1,13 @@
 """The game without a window: what the player does has the effect that it should have, and nothing else."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from affmap.play.game import Game
-from affmap.settings import ConfigError
+from affmap.settings import ConfigError, folder
 
 
 @pytest.fixture
@@ -108,3 +111,16 @@ def test_worlds_are_those_that_the_models_can_see() -> None:
         Game("exp5", "original")
     with pytest.raises(ConfigError, match="none of 7"):
         Game("exp1", context_size=7)
+
+
+def test_what_a_system_leaves_beside_layouts_and_planners_is_none_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As macOS leaves it on other disks."""
+    conf = tmp_path / "conf"
+    shutil.copytree(folder(), conf)
+    for name in ("layout/._original.yaml", "planner/._cem.yaml"):
+        (conf / name).write_bytes(b"\x00\x05\x16\x07")
+    monkeypatch.setattr("affmap.play.game.folder", lambda: conf)
+    game = Game("exp1")
+    assert "original" in game.worlds and game.planners == Game("exp1").planners == ["cem", "gradient"]

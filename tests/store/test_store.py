@@ -16,8 +16,10 @@ import pytest
 from filelock import FileLock
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from traces import Trace
 
 from affmap import compiled
+from affmap.settings import ConfigError
 from affmap.store import provenance
 from affmap.store.attempt import Attempt
 from affmap.store.files import digests
@@ -219,12 +221,16 @@ def test_a_read_only_place_comes_first_and_is_never_written(tmp_path: Path) -> N
 
 
 def test_a_folder_without_provenance_is_no_result(tmp_path: Path) -> None:
-    """As a copy that was interrupted leaves it."""
+    """As a copy that was interrupted leaves it; an empty one is none at all."""
     folder = tmp_path / "train" / STAGE.digest
     folder.mkdir(parents=True)
+    (folder / "result.txt").write_text("done")
     assert Store(tmp_path).find(STAGE) is None
     with pytest.raises(StoreError, match=f"{STAGE.digest} has no provenance.json: .* remove the folder"):
         Store(tmp_path).ensure(STAGE, build)
+    (folder / "result.txt").unlink()
+    (folder / ".DS_Store").touch()
+    assert Store(tmp_path).ensure(STAGE, build) == folder == Store(tmp_path).find(STAGE)
 
 
 @pytest.fixture
@@ -290,6 +296,136 @@ def test_other_corruption_is_reported(
             use(STAGE)
     assert digests(complete) == before and Store(tmp_path).has(STAGE)
     assert Store(tmp_path).state(STAGE, check=True).name == "corrupted"
+
+
+def test_what_systems_leave_in_a_stage_costs_nothing(complete: Path, tmp_path: Path) -> None:
+    """Beside the files and below them: found, copied without it, and complete however one looks; a file of somebody
+    else's is to be removed itself, and not the stage with it."""
+    for name in (".DS_Store", "Thumbs.db", "more/.nfs0001", "@eaDir/result.txt@SynoEAStream"):
+        (complete / name).parent.mkdir(exist_ok=True)
+        (complete / name).write_text("left behind")
+    (complete / "empty").mkdir()
+    assert Store(tmp_path).find(STAGE) == complete
+    assert {Store(tmp_path).state(STAGE, check).name for check in (False, True)} == {"complete"}
+    copy_stage(complete, tmp_path / "kept" / "train" / STAGE.digest, ["*"])
+    copied = sorted(path.name for path in (tmp_path / "kept").rglob("*") if path.is_file())
+    assert copied == ["numbers.bin", PROVENANCE, "result.txt"]
+    (complete / "mine.txt").write_text("mine")
+    with pytest.raises(StoreError, match=r"mine\.txt does not belong there; remove that file and run the same command"):
+        Store(tmp_path).find(STAGE)
+
+
+def test_what_systems_leave_in_an_attempt_is_not_part_of_the_stage(tmp_path: Path) -> None:
+    """Left before an attempt, where it may not be removable, and during it."""
+
+    def fail(work: Attempt) -> None:
+        raise RuntimeError("power cut")
+
+    def go_on(work: Attempt) -> None:
+        assert (work.folder / ".nfs0001").is_file()
+        (work.folder / ".DS_Store").touch()
+        build(work)
+
+    with pytest.raises(RuntimeError):
+        Store(tmp_path).ensure(STAGE, fail)
+    (tmp_path / "train" / f"{STAGE.digest}.partial" / ".nfs0001").touch()
+    folder = Store(tmp_path).ensure(STAGE, go_on)
+    assert json.loads((folder / PROVENANCE).read_text())["files"].keys() == {"result.txt"}
+
+
+def test_everything_is_on_the_disk_before_a_stage_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As traced, files and folders, and those below them."""
+
+    def two(work: Attempt) -> None:
+        build(work)
+        (work.folder / "more").mkdir()
+        (work.folder / "more" / "numbers.bin").write_bytes(bytes(256))
+
+    trace = Trace(monkeypatch)
+    folder = Store(tmp_path).ensure(STAGE, two)
+    assert [path.name for path in trace.renamed] == ["attempt.json", PROVENANCE, folder.name]
+
+
+OTHERS: list[Any] = [None, 7, -1, 1e300, 10**400, "x", [], ["x"], {}, {"x": 1}, {"x": ["y"]}, True]
+"""Values of all types, and numbers without meaning."""
+
+
+def test_every_entry_of_a_record_with_every_other_type_is_damage(
+    complete: Path, tmp_path: Path, tried: Callable[[str, int, str], None]
+) -> None:
+    """Each has a valid checksum, as one who means it would write; those of `allowed` are what an entry may be."""
+    whole = (complete / PROVENANCE).read_text()
+    record = json.loads(whole)
+    numbers: list[Any] = [7]
+    allowed = {"started": ["x"], "git": [None, "x"], "machine": [{}, {"x": 1}], "versions": [{}]}
+    allowed |= {"seconds": numbers, "peak_memory_mib": numbers}
+    count = 0
+    for key in ("stage", "digest", "config", "files", *allowed):
+        rest = {name: value for name, value in record.items() if name != key}
+        for changed in (rest, *({**rest, key: other} for other in OTHERS)):
+            if changed.get(key, "nothing") in allowed.get(key, []):
+                continue
+            count += 1
+            (complete / PROVENANCE).write_text(json.dumps(with_checksum(changed)))
+            for look in (lambda: Store(tmp_path).find(STAGE), lambda: Store(tmp_path).ensure(STAGE, build)):
+                with pytest.raises(StoreError, match=r"; remove (the|that) f.* run the same command again\."):
+                    look()
+            assert Store(tmp_path).state(STAGE, check=True).name == "corrupted"
+    for text in ("[" * 100_000 + "]" * 100_000, whole.replace('"seconds": ', '"seconds": NaN, "x": ')):
+        (complete / PROVENANCE).write_text(text)
+        assert Store(tmp_path).state(STAGE).name == "corrupted"
+    tried("other types in the record of a stage, with a valid checksum", count, "reported as damage with its remedy")
+
+
+def test_a_note_with_entries_of_other_types_is_no_note(tmp_path: Path, tried: Callable[[str, int, str], None]) -> None:
+    """Each entry that is used with each of `OTHERS`; the stage counts as not begun, and is made."""
+
+    def fail(work: Attempt) -> None:
+        raise RuntimeError("power cut")
+
+    with pytest.raises(RuntimeError):
+        Store(tmp_path).ensure(STAGE, fail)
+    (path,) = tmp_path.glob("train/*.partial/unfinished/attempt.json")
+    note = json.loads(path.read_text())
+    assert Store(tmp_path).state(STAGE).name == "failed"
+    count = 0
+    for key in ("seconds", "finished", "total", "versions", "started"):
+        for other in OTHERS:
+            path.write_text(json.dumps(with_checksum({**note, key: other})))
+            state = Store(tmp_path).state(STAGE)
+            count += state.name == "missing"
+            assert state.name in ("missing", "failed")
+            assert state.seconds_left is None or state.seconds_left >= 0 or state.total < state.finished
+    path.write_text("[" * 100_000)
+    assert Store(tmp_path).state(STAGE).name == "missing"
+    path.write_text(json.dumps(with_checksum({**note, "seconds": "long"})))
+    Store(tmp_path).ensure(STAGE, build)
+    tried("other types in the note of an attempt, with a valid checksum", count, "no note: the stage is made")
+
+
+def test_without_locks_a_stage_is_not_begun_and_its_state_is_what_can_be_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`flock` refuses: complete stages are found; of others nobody knows whether a job works on them."""
+    store = Store(tmp_path)
+    store.ensure(STAGE, build)
+
+    def stop(work: Attempt) -> None:
+        raise KeyboardInterrupt
+
+    other = replace(STAGE, name="map")
+    with pytest.raises(KeyboardInterrupt):
+        store.ensure(other, stop)
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    assert store.ensure(STAGE, build) == store.find(STAGE)
+    stages = (STAGE, other, replace(STAGE, name="data"))
+    assert [store.state(stage).name for stage in stages] == ["complete", "unknown", "missing"]
+    with pytest.raises(ConfigError, match=r"map is on a disk without locks \(No locks available\)"):
+        store.ensure(other, build)
 
 
 def rewrite(folder: Path, **changes: Any) -> None:

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 import torch
 from torch.distributions import Normal
+from traces import Trace
 
 from affmap import compiled
 from affmap.data.batches import DataModule, read
@@ -570,3 +571,11 @@ def test_saved_weights_come_back(tmp_path: Path) -> None:
     for wrong in (stack((1, 2, 3)), stack((1, 2), context_size=5), stack((1, 2), context_size=0)):
         with pytest.raises(ConfigError, match=r"(size mismatch|Unexpected key)"):
             restore(wrong, tmp_path / "weights.safetensors")
+
+
+def test_a_checkpoint_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As traced; only then is the one before it removed."""
+    trace = Trace(monkeypatch)
+    for content in (b"first", b"second"):
+        keep(tmp_path, lambda path, content=content: path.write_bytes(content))
+        assert trace.renamed[-1] == last(tmp_path) and trace.is_flushed(tmp_path)
