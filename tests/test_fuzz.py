@@ -375,7 +375,7 @@ LINES: dict[str, list[str]] = {
     "growth of its own": ["growth=exp3"],
     "GiB": [
         "members=1000000", "data.num_sequences=1000000|data.num_steps=1000", "lookup.spacing=1e-6",
-        "planner.horizon=1000000|planner.num_candidates=1000", "report.map_spacing=1e-9",
+        "planner.horizon=1000000|planner.num_candidates=1000", "report.map_spacing=1e-6",
         "training.num_epochs=1000000|members=1000000", "model.hidden_size=1000000|model.context_size=1000000",
     ],
 }
