@@ -17,7 +17,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from affmap.settings.messages import ConfigError
-from affmap.store.files import atomic_write, copy_files, digests, named_errors, replace_folder, sha256
+from affmap.store.files import atomic_write, copy_files, digests, named_errors, read_json, replace_folder, sha256
 from affmap.store.provenance import PROVENANCE, has_valid_checksum, with_checksum
 from affmap.store.stage import Stage
 
@@ -108,10 +108,10 @@ def read(folder: Path) -> dict[str, Any]:
 def read_intact(folder: Path) -> dict[str, Any]:
     """The manifest of the report in a folder; empty if there is none, or a corrupted one: it is made anew."""
     try:
-        record: dict[str, Any] = json.loads((folder / PROVENANCE).read_text("utf-8"))
+        record: dict[str, Any] = read_json(folder / PROVENANCE)
         _Manifest.model_validate(record)
         return record if has_valid_checksum(record) else {}
-    except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
+    except (FileNotFoundError, NotADirectoryError, ValueError):
         return {}
 
 
