@@ -21,6 +21,7 @@ from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.results import metrics
 from affmap.results.files import Trajectories
+from affmap.threads import limited
 from affmap.view import views
 
 
@@ -84,7 +85,7 @@ def control(
     return Runs(summarise(trajectories), trajectories)
 
 
-def fly(controller: Controller, layout: Layout | Procedural | Mapping[str, Any] | str) -> Runs:
+def fly(controller: Controller, layout: Layout | Procedural | Mapping[str, Any] | str, *, threads: int = 1) -> Runs:
     """Let every member of an agent fly all its runs in any layout, with the vehicle of the paper.
 
     Args:
@@ -92,16 +93,19 @@ def fly(controller: Controller, layout: Layout | Procedural | Mapping[str, Any] 
             the settings of `conf/control/default.yaml`; `control` takes other ones.
         layout: the world, or its keys and values, or the name of a file in `conf/layout`; for rules of worlds, the
             first member's first world.
+        threads: of PyTorch, during the flight.
 
     Raises:
         ConfigError: there is no such file, or the agent was trained with other channels.
+        ValueError: there are no threads.
     """
     seeds = seeds_of(controller)
     settings = (
         controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
     )
     first = first_layout(layout, seeds[0])
-    return control(bring(controller, first), [first], Vehicle.load("vehicle", "default"), settings, seeds)
+    with limited(threads):
+        return control(bring(controller, first), [first], Vehicle.load("vehicle", "default"), settings, seeds)
 
 
 def bring(controller: Controller, layout: Layout) -> Controller:

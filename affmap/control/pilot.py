@@ -17,6 +17,7 @@ from affmap.control.mpc import PlanningAgent
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, first_layout
 from affmap.random import generator
+from affmap.threads import limited
 
 
 class Thought(NamedTuple):
@@ -35,17 +36,28 @@ class Thought(NamedTuple):
 class Pilot:
     """Flies `affmap/Vehicle-v0` with any controller, such as an agent of one member: `action = pilot(observation)`."""
 
-    def __init__(self, agent: Controller, layout: Layout | Procedural | Mapping[str, Any] | str, seed: int = 0) -> None:
+    def __init__(
+        self,
+        agent: Controller,
+        layout: Layout | Procedural | Mapping[str, Any] | str,
+        seed: int = 0,
+        *,
+        threads: int = 1,
+    ) -> None:
         """Take the controls in a world; all randomness comes from `seed`.
+
+        Each call computes with `threads` threads of PyTorch.
 
         Raises:
             ConfigError: there is no such world, or the agent was trained with other channels.
-            ValueError: the agent has several members.
+            ValueError: the agent has several members, or there are no threads.
         """
         seeds = seeds_of(agent)
         if len(seeds) != 1:
             raise ValueError(f"a pilot is one member, and this agent has {list(seeds)}; load a single one.")
-        self.agent, self._seed = bring(agent, first_layout(layout, seeds[0])), seed
+        self._seed, self._threads = seed, threads
+        with limited(threads):
+            self.agent = bring(agent, first_layout(layout, seeds[0]))
         self._device = agent.settings.device if isinstance(agent, PlanningAgent) else "cpu"
         self.reset()
 
@@ -58,10 +70,11 @@ class Pilot:
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Action `[4]` for an observation of the environment."""
         batch, state = Observation.of([observation], self._device), self._state
-        if isinstance(self.agent, PlanningAgent):
-            decision, self._state = self.agent.act(batch, state, self._generators, self._watch)
-        else:
-            decision, self._state = self.agent.act(batch, state, self._generators)
+        with limited(self._threads):
+            if isinstance(self.agent, PlanningAgent):
+                decision, self._state = self.agent.act(batch, state, self._generators, self._watch)
+            else:
+                decision, self._state = self.agent.act(batch, state, self._generators)
         self._last = batch, state, decision
         return decision.action[0].cpu().numpy()
 
@@ -89,6 +102,6 @@ class Pilot:
         candidates, costs = path[None][:0], path.new_empty(0)
         if isinstance(self.agent, PlanningAgent):
             actions, (costs,) = self._candidates
-            with torch.no_grad():
+            with torch.no_grad(), limited(self._threads):
                 candidates = self.agent.imagine(batch, actions, state.carry).mean[0]
         return Thought(*(part.cpu().numpy() for part in (path, std, candidates, costs)))

@@ -16,6 +16,7 @@ from affmap.planning.registry import AnyPlanner
 from affmap.results import manifest, provenance
 from affmap.settings import ConfigError, read
 from affmap.store.stage import check_file
+from affmap.threads import limited
 
 
 def load(
@@ -26,6 +27,7 @@ def load(
     planner: Planner | str | None = None,
     layout: str | None = None,
     transition: str | None = None,
+    threads: int = 1,
 ) -> Agent:
     """Load a trained agent in the world that it flew in; `fly` and `Pilot` take it anywhere.
 
@@ -38,6 +40,7 @@ def load(
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.)
         transition: the kind of transition model, such as `gru`, of those that the experiment has; by default the first.
+        threads: of PyTorch, for the affordance map.
 
     Raises:
         ConfigError: there is no such report, context size, layout, transition model, member or planner; the message
@@ -50,9 +53,11 @@ def load(
     config = provenance.config_of(record, job["control"][0])
     stack = _stack(report.parent / "store" / "train", job["train"], members)
     first = first_layout(config["control_layout"], members[0])
+    with limited(threads):
+        lookup = make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map])
     return Agent(
         stack,
-        make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map]),
+        lookup,
         _planner(planner, config["planner"]),
         ControlSettings.model_validate({"device": "cpu", **config["control"]}),
         first.channels,

@@ -1,0 +1,26 @@
+"""The number of PyTorch's threads, for a while (leaf)."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from affmap.lazy import torch
+
+
+@contextmanager
+def limited(number: int) -> Iterator[None]:
+    """Let PyTorch compute with a number of threads in the block, and with as many as before after it.
+
+    A step of a flight consists of many small operations. Threads on all cores wait for each other at each of them, the
+    longer the busier the cores are.
+
+    Raises:
+        ValueError: the number is less than 1.
+    """
+    if number < 1:
+        raise ValueError(f"threads = {number} is not allowed; it should be 1 or more.")
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
