@@ -68,7 +68,7 @@ def test_every_part_runs_at_toy_size(
     assert (results["seconds"] > 0).all() and len(rows) == num_rows
     assert {path.name for path in tmp_path.iterdir()} == {
         *("machine.json", "results.csv", f"{extra}.csv"),
-        *("bench.png", "bench.pdf"),
+        *("bench.png", "bench.pdf", "provenance.json"),
     }
     assert f"Written to {tmp_path}" in capsys.readouterr().out.replace("\n", "")
 

@@ -6,6 +6,7 @@ Every target is run, with programs that do nothing but note that they were calle
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tomllib
 from collections.abc import Callable
@@ -182,6 +183,8 @@ def make(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         command = ["make", "PYTHON=./program", *arguments]
         options: dict[str, Any] = {"capture_output": True, "text": True, "start_new_session": True, "timeout": 60}
+        # A shell starts what is in its background with SIGINT ignored.
+        options["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
         return subprocess.run(command, cwd=tmp_path, env=rest, check=False, **options)
 
     return run

@@ -79,12 +79,18 @@ def test_the_order_of_jobs_does_not_matter(ran: dict[str, tuple[Setting, ...]]) 
     assert join(alone[::-1]) == ran["six jobs"][::-1]
 
 
-@pytest.mark.parametrize("split", [["members=2", "seed=0,1"], ["members=1,2", "seed=0"], ["threads=1,2"]])
+@pytest.mark.parametrize("split", [["members=2", "seed=0,1"], ["members=1,2", "seed=0"]])
 def test_a_member_in_two_jobs_is_refused(tmp_path: Path, split: Sequence[str]) -> None:
     """It would be counted twice."""
     told = r"member [01] would be in two jobs \(seed=0 members=\d and seed=[01] members=\d\)"
     with pytest.raises(ConfigError, match=told):
         read_sweep(line(tmp_path, "model.context_size=0,1", *split))
+
+
+def test_two_jobs_with_the_same_results_are_refused(tmp_path: Path) -> None:
+    told = r"^model.context_size=0 threads=1 and model.context_size=0 threads=2 have the same results; leave one of"
+    with pytest.raises(ConfigError, match=told):
+        read_sweep(line(tmp_path, "model.context_size=0,1", "threads=1,2"))
 
 
 def test_a_split_sweep_has_one_report(

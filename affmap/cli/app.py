@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -131,11 +131,24 @@ def _leave(message: str, status: int) -> NoReturn:
 
 def _leave_at_once(message: str, status: int) -> NoReturn:
     """Exit without waiting for workers, which may have results to send that nobody will receive."""
-    for worker in multiprocessing.active_children():
-        worker.kill()
+    for worker in _workers():
+        with suppress(ProcessLookupError):
+            os.kill(worker, signal.SIGKILL)
     print(printable(message), file=sys.stderr, flush=True)
     sys.stdout.flush()
     os._exit(status)
+
+
+def _workers() -> set[int]:
+    """Processes of workers, also of one that was just being started, which only the system knows."""
+    workers = {int(worker.pid or 0) for worker in multiprocessing.active_children()} - {0}
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended
+            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            # The tracker of shared semaphores ends by itself, and removes them.
+            if parent == os.getpid() and b"resource_tracker" not in (path / "cmdline").read_bytes():
+                workers.add(int(path.name))
+    return workers
 
 
 class Terminated(SystemExit):

@@ -127,7 +127,7 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
     message = capsys.readouterr().err
     assert (
         f"{weights} is corrupted; remove the folder {train}" in message
-        and "run the same command to try it again" in message
+        and "run the same command to try again" in message
     )
     assert len(trials(tmp_path / "own/output")) == 2
     assert in_process(monkeypatch, "affmap-report", own) == 0
@@ -177,4 +177,4 @@ def test_a_report_needs_trials(
     for entry in ("affmap-report", "affmap-publish"):
         assert in_process(monkeypatch, entry, line(tmp_path, "search=cem", "notice=null")) == 2
         message = capsys.readouterr().err
-        assert "holds no trials; run `affmap`" in message or "holds no search of these results" in message
+        assert "holds no trials with a result; run `affmap`" in message or "holds no search of these results" in message

@@ -278,7 +278,7 @@ kinds = st.builds(Property, effect=st.sampled_from([*EFFECTS, "none"]), channel=
 def feasible(draw: st.DrawFn) -> Procedural:
     """Rules whose circles, at their smallest and with half the gap around each, fill a quarter of the arena or less."""
     size = (draw(st.floats(1, 4)), draw(st.floats(1, 4)))
-    gap, corner = draw(st.floats(0, 0.15)) * min(size), draw(st.floats(0.05, 0.3)) * min(size)
+    gap, corner = draw(st.just(0.0) | st.floats(1e-9, 0.15)) * min(size), draw(st.floats(0.05, 0.3)) * min(size)
     room = min(min(size) / 2 - gap, math.hypot(*(side / 2 - corner for side in size)))
     largest = draw(st.floats(0.1, 0.9)) * room
     smallest = draw(st.floats(0.1, 1.0)) * largest

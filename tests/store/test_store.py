@@ -524,7 +524,7 @@ PATHS = [
     "output='~/x'", "output=~me/x", "store=file:///a", "title=see\\ /a", "store=glob(/a)", "output=//a",
     "+x=choice(b,/a)", "/run/kernel.json", "--socket=/tmp/x",
 ]  # fmt: skip
-OTHERS = [
+NO_PATHS = [
     "output=runs/a", "model/transition=gru", "~title", "~report/x", "output=../x", "output=${name}/x", "store=a/~b",
     "hydra/launcher=joblib", "control.beta=0,1", "title='1 / 2'", "title=https://a.b/c", "title='about ~5'", "-m",
 ]  # fmt: skip
@@ -532,7 +532,7 @@ OTHERS = [
 
 def test_paths_of_the_machine_are_no_part_of_a_command() -> None:
     """Quoted, in lists, from somebody's home, as addresses of files; by hand."""
-    assert without_paths([*PATHS, *OTHERS]) == OTHERS
+    assert without_paths([*PATHS, *NO_PATHS]) == NO_PATHS
 
 
 def test_provenance_tells_where_a_result_comes_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
