@@ -53,6 +53,7 @@ def test_a_signal_ends_a_sweep_at_once_with_a_checkpoint(
     os.kill(process.pid, number)
     assert process.wait(60) == 128 + number
     assert "run the same command again to resume." in said(tmp_path) and "Traceback" not in said(tmp_path)
+    assert "resource_tracker" not in said(tmp_path)
     wait_for_workers(process.pid)
     assert len({path.parent for path in tmp_path.glob("store/train/*/unfinished/*.ckpt")}) == workers
     states = [setting.state for setting in status.jobs(Sweep.read(overrides))]

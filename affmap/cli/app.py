@@ -39,6 +39,11 @@ def command(
     Exit status: 2 for a mistake in the command line, 1 for a failure, 130 or 143 for a signal.
     """
     open_streams()
+    # Commands draw into files, whatever the user's settings of Matplotlib say.
+    os.environ |= {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
+    # Of workers that were killed, joblib removes shared semaphores, and need not warn of them.
+    warnings = (os.environ.get("PYTHONWARNINGS"), "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, warnings))
     remedy = "; run the same command again to resume." if resumes else "."
     try:
         with sigterm_ends_process():

@@ -727,3 +727,13 @@ app.command(lambda _: [print(line, flush=True) for line in range(100_000)])
     shell = f"{shlex.join([sys.executable, '-c', program])} | head -1"
     ended = subprocess.run(shell, shell=True, capture_output=True, text=True, check=False)
     assert (ended.stdout, ended.stderr) == ("0\n", "")
+
+
+def test_commands_draw_whatever_the_user_s_settings_of_matplotlib_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A backend that is no more, and a file that is none, end the import of Matplotlib; not after a command began."""
+    monkeypatch.setenv("MPLBACKEND", "Qt4Agg")
+    monkeypatch.setenv("MATPLOTLIBRC", sys.executable)
+    asked = [sys.executable, "-c", "import matplotlib; print(matplotlib.get_backend())"]
+    assert subprocess.run(asked, capture_output=True, check=False).returncode
+    assert in_process(monkeypatch, "affmap-status", ["--help"]) == 0
+    assert subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip().lower() == "agg"
