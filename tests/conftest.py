@@ -95,8 +95,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     published = {(attack, outcome): int(times) for attack, times, outcome in known}
     if config.getoption("tried"):
         with TRIED.open("w", newline="", encoding="utf-8") as file:
-            every = sorted((attack, times, outcome) for (attack, outcome), times in {**published, **rows}.items())
-            csv.writer(file, lineterminator="\n").writerows([head, *every])
+            every = [(attack, times, outcome) for (attack, outcome), times in {**published, **rows}.items()]
+            csv.writer(file, lineterminator="\n").writerows([head, *sorted(every, key=lambda row: row[0].lower())])
         return
     is_whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.keyword
     different = [attack for (attack, outcome), times in rows.items() if published.get((attack, outcome)) != times]
