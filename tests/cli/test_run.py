@@ -587,7 +587,7 @@ def test_a_report_is_not_published_onto_itself(
     swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With the reference's store beside the reports, logs and pages would be lost; publishing is not reached."""
-    monkeypatch.setattr(publish, "check_publishable", lambda config: None)
+    monkeypatch.setattr(publish, "check_publishable", lambda notice: None)
     monkeypatch.setattr("affmap.report.build.check", lambda report: None)
     before = contents(swept)
     assert in_process(monkeypatch, "affmap-publish", line(swept, *SWEEP)) == 2

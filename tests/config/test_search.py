@@ -132,6 +132,8 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
     assert len(trials(tmp_path / "own/output")) == 2
     assert in_process(monkeypatch, "affmap-report", own) == 0
     assert "PARTIAL: 2 of 4 trials are complete**" in capsys.readouterr().out
+    assert in_process(monkeypatch, "affmap-publish", [*own, "notice=null"]) == 2
+    assert "not to be published: PARTIAL: 2 of 4 trials are complete." in capsys.readouterr().err
     shutil.rmtree(train)
     assert in_process(monkeypatch, "affmap", [*own, "threads=2", "versions=any"]) == 0
     pd.testing.assert_frame_equal(pd.DataFrame(trials(tmp_path / "own/output")).drop(columns="batch_seconds"), expected)
@@ -174,7 +176,8 @@ def test_no_search_is_none() -> None:
 def test_a_report_needs_trials(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for entry in ("affmap-report", "affmap-publish"):
-        assert in_process(monkeypatch, entry, line(tmp_path, "search=cem", "notice=null")) == 2
-        message = capsys.readouterr().err
-        assert "holds no trials with a result; run `affmap`" in message or "holds no search of these results" in message
+    arguments = line(tmp_path, "search=cem", "notice=null")
+    assert in_process(monkeypatch, "affmap-report", arguments) == 2
+    assert "holds no trials with a result; run `affmap`" in capsys.readouterr().err
+    assert in_process(monkeypatch, "affmap-publish", arguments) == 2
+    assert "not to be published: PARTIAL: 0 of 60 trials are complete." in capsys.readouterr().err
