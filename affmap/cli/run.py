@@ -133,7 +133,7 @@ def _launch(arguments: list[str]) -> list[str]:
     original, sys.argv[1:] = sys.argv[1:], arguments
     try:
         _job()
-    except HydraException:  # a sentence already
+    except (HydraException, MachineError):  # a sentence already
         raise
     except Exception as error:
         log.debug("The launcher failed.", exc_info=error)

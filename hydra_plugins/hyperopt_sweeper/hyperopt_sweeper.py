@@ -20,7 +20,7 @@ from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
-from hydra_plugins.hyperopt_sweeper._outcomes import failure, outcomes
+from hydra_plugins.hyperopt_sweeper._outcomes import FinalError, failure, outcomes
 from hydra_plugins.hyperopt_sweeper._space import Point, SearchError, Space, TrialError, parse
 from hydra_plugins.hyperopt_sweeper._trials import TRIALS, Trial, load, save, write_results
 
@@ -101,6 +101,7 @@ class HyperoptSweeper(Sweeper):
 
         Raises:
             SearchError: the space, the settings or the trials on disk cannot be used; or all trials failed.
+            FinalError: raised by the application.
         """
         from hydra_plugins.hyperopt_sweeper._search import Search
 
@@ -173,6 +174,7 @@ class HyperoptSweeper(Sweeper):
 
         Raises:
             TrialError: too many trials have failed for other reasons than their values.
+            FinalError: raised by the application.
         """
         assert self.launcher is not None
         stacked, first = self.settings.stacked, len(before)
@@ -183,6 +185,9 @@ class HyperoptSweeper(Sweeper):
             results = outcomes(self.launcher.launch(jobs, initial_job_idx=first), len(points), stacked)
         except Exception as error:  # a process was killed, for lack of memory, say: nobody knows whose
             results = [failure(error)] * len(points)
+        for outcome in results:
+            if isinstance(outcome.raised, FinalError):
+                raise outcome.raised
         seconds = round(time.perf_counter() - start, 3)
         crashed = {number: outcome for number, outcome in enumerate(results, start=first) if outcome.crashed}
         failures = sum(trial.crashed for trial in before) + len(crashed)
