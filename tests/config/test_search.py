@@ -167,6 +167,64 @@ def test_a_mistake_is_reported(
     assert not (tmp_path / "store").exists()
 
 
+@pytest.fixture
+def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The command line of a search of two trials, whose objective is a constant."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("affmap.pipeline.execution.score", lambda config: 1.0)
+    arguments = line(tmp_path, "search=cem", "hydra.sweeper.num_trials=2", "control.device=cuda")
+    assert in_process(monkeypatch, "affmap", arguments) == 0
+    return arguments
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("scale=smoke", "scale=full", 'fixed was ["control.num_steps=3", '),
+        ("search=cem", "search=gradient", 'space was {"planner.horizon": '),
+    ],
+)
+def test_trials_of_another_search_are_refused_by_every_command(
+    old: str,
+    new: str,
+    message: str,
+    found: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Of another scale, without its notice, and of another planner. Nothing is written; the note of the folder, which
+    `affmap-status` reads, stays that of its trials."""
+    path = tmp_path / "output/jobs/trials.jsonl"
+    other = [new if each == old else each for each in found]
+    for entry, flags in {
+        "affmap": [],
+        "affmap-report": [],
+        "affmap-report --check": ["--check"],
+        "affmap-status": [],
+        "affmap-publish": [],
+    }.items():
+        assert in_process(monkeypatch, entry.partition(" ")[0], [*flags, *other]) == 2, entry
+        error = capsys.readouterr().err
+        assert f"{path} belongs to another search: " in error and message in error
+        assert "; give the overrides that it began with, remove that file, or " in error
+    assert not (tmp_path / "output/tables").exists()
+    assert in_process(monkeypatch, "affmap-status", [str(tmp_path / "output")]) == 0
+    assert "2 of 2 trials complete" in capsys.readouterr().out
+
+
+def test_a_search_goes_on_with_another_device(
+    found: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with all keys that the digests of results leave out."""
+    own = [each for each in found if each != "control.device=cuda"]
+    others = ["hydra.sweeper.num_trials=3", "training.accelerator=auto", "report.partial=true"]
+    assert in_process(monkeypatch, "affmap", [*own, *others]) == 0
+    assert len(trials(tmp_path / "output")) == 3
+    assert in_process(monkeypatch, "affmap-report", found) == 0
+    assert "3 trials" in capsys.readouterr().out
+
+
 def test_no_search_is_none() -> None:
     assert Search.read(TINY) is None
     with pytest.raises(ConfigError, match="members"):
