@@ -5,13 +5,17 @@ its sweep.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from affmap.config.compose import check, compose, overrides_parser, parse
+from hydra.errors import HydraException
+
+from affmap.config.compose import check, compose, overrides_parser, parse, values
 from affmap.config.root import Config
+from affmap.results.provenance import leaves
 from affmap.settings import ConfigError, Settings
-from hydra_plugins.hyperopt_sweeper import trials_table
+from hydra_plugins.hyperopt_sweeper import TRIALS, read_trials, trials_table
 from hydra_plugins.hyperopt_sweeper.hyperopt_sweeper import stored_trials
 
 AFTER_TRAINING = ("agent", "planner", "control", "lookup", "control_layout", "map_layout", "report")
@@ -102,5 +106,25 @@ class Search(NamedTuple):
     @property
     def _complete(self) -> list[Any]:
         sweeper = compose(self.fixed).hydra.sweeper
-        arguments = [str(each.input_line) for each in parse(self.overrides) if not each.is_hydra_override()]
+        fixed = [str(each.input_line) for each in parse(self.fixed) if not each.is_hydra_override()]
+        arguments = [*self._as_stored(fixed), *self.searched]
         return stored_trials(self.folder, sweeper, IRRELEVANT, overrides_parser(), arguments)
+
+    def _as_stored(self, fixed: list[str]) -> list[str]:
+        """Fixed overrides in the words of the stored trials, where those mean the same, as with a default spelled out.
+
+        Raises:
+            SearchError: the file of the trials is corrupted.
+        """
+        path = self.folder / TRIALS
+        if path.exists():
+            stored = read_trials(path)[0].get("fixed", fixed)
+            with suppress(ConfigError, HydraException):  # overrides for other files of conf
+                if _relevant(stored) == _relevant(fixed):
+                    return [*stored]
+        return fixed
+
+
+def _relevant(overrides: Sequence[str]) -> dict[str, Any]:
+    """Key -> value, of a configuration without irrelevant keys."""
+    return {key: value for key, value in leaves(values(compose(overrides))).items() if key not in IRRELEVANT}

@@ -8,6 +8,8 @@ of hyperopt, `_outcomes` reads the return values of jobs, `_trials` the files on
 from hydra_plugins.hyperopt_sweeper._outcomes import FinalError as FinalError
 from hydra_plugins.hyperopt_sweeper._space import SearchError as SearchError
 from hydra_plugins.hyperopt_sweeper._space import TrialError as TrialError
+from hydra_plugins.hyperopt_sweeper._trials import TRIALS as TRIALS
+from hydra_plugins.hyperopt_sweeper._trials import read as read_trials
 from hydra_plugins.hyperopt_sweeper._trials import table as trials_table
 
-__all__ = ["FinalError", "SearchError", "TrialError", "trials_table"]
+__all__ = ["TRIALS", "FinalError", "SearchError", "TrialError", "read_trials", "trials_table"]

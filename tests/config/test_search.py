@@ -216,13 +216,16 @@ def test_trials_of_another_search_are_refused_by_every_command(
 def test_a_search_goes_on_with_another_device(
     found: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As with all keys that the digests of results leave out."""
+    """As with all keys that the digests of results leave out. A default that is spelled out makes no other search."""
     own = [each for each in found if each != "control.device=cuda"]
     others = ["hydra.sweeper.num_trials=3", "training.accelerator=auto", "report.partial=true"]
     assert in_process(monkeypatch, "affmap", [*own, *others]) == 0
     assert len(trials(tmp_path / "output")) == 3
     assert in_process(monkeypatch, "affmap-report", found) == 0
     assert "3 trials" in capsys.readouterr().out
+    assert in_process(monkeypatch, "affmap-report", [*found, "seed=0"]) == 0
+    assert in_process(monkeypatch, "affmap-report", [*found, "seed=1"]) == 2
+    assert "belongs to another search: fixed was " in capsys.readouterr().err
 
 
 def test_no_search_is_none() -> None:
