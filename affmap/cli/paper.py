@@ -50,7 +50,8 @@ def _paper(paper: Sweep, publish: bool) -> None:
         page = build.write(PaperReport(output, chapters, line, first.notice))
     print(f"The report is {page}")
     if publish:
-        check_publishable(first)
+        parts = [f"PARTIAL: {chapter.missing}" for chapter in chapters if chapter.missing]
+        check_publishable("; ".join([*filter(None, [first.notice]), *parts]))
         target = first.reference.parent / output.name
         check_target(output, target)
         keep_report(output, first, target, without=["figures", "*.html"])

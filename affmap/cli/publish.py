@@ -39,14 +39,14 @@ def keep_report(output: Path, config: Config, target: Path, without: Sequence[st
         manifest.copy(output, target, without)
 
 
-def check_publishable(config: Config) -> None:
-    """Make sure that results are worth keeping.
+def check_publishable(notice: str | None) -> None:
+    """Make sure that results are worth keeping, by the notice of their report.
 
     Raises:
-        ConfigError: they are those of a smoke run, or the like.
+        ConfigError: they are those of a smoke run, of a part of the trials or settings, or the like.
     """
-    if config.notice:
-        raise ConfigError(f"this result is not to be published: {config.notice}.")
+    if notice:
+        raise ConfigError(f"this result is not to be published: {notice}.")
 
 
 def check_target(output: Path, target: Path) -> None:
@@ -68,7 +68,7 @@ def _publish(arguments: list[str]) -> None:
     jobs = read(arguments)
     report = make_report(jobs)
     config = jobs.config if isinstance(jobs, Search) else jobs.first
-    check_publishable(config)
+    check_publishable(report.notice)
     build.check(report)
     target = config.published
     check_target(config.output, target)

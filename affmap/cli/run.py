@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from affmap.cli.app import SweepError, command, end_with_parent, flags, read_sweep, sigterm_ends_process
 from affmap.config import sweep
 from affmap.config.root import Config, plain
-from affmap.config.search import Search
+from affmap.config.search import IRRELEVANT, Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
 from affmap.pipeline.job import (
@@ -38,9 +38,6 @@ log = logging.getLogger("affmap")
 
 HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
 """Hydra's flags that print something and run nothing."""
-
-IRRELEVANT = ("threads", "compiled", "versions", "logger", "store", "reference", "output", "title", "notice")
-"""Keys that change no result of a trial, or its rounding only."""
 
 
 def main() -> None:
@@ -67,8 +64,13 @@ def _run(arguments: list[str]) -> None:
 
 
 def _run_search(search: Search) -> None:
-    """Run the missing trials of a search."""
+    """Run the missing trials of a search.
+
+    Raises:
+        SearchError: its folder holds the trials of another search, whose note is kept.
+    """
     check_output(search.config.output, ())
+    print(f"{search.config.name}: {search.num_complete} of {search.num_trials} trials are complete.", flush=True)
     check_logger(search.config)
     sweep.write_note(search.config.output, search.overrides)
     irrelevant = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
@@ -133,7 +135,7 @@ def _launch(arguments: list[str]) -> list[str]:
     original, sys.argv[1:] = sys.argv[1:], arguments
     try:
         _job()
-    except HydraException:  # a sentence already
+    except (HydraException, MachineError):  # a sentence already
         raise
     except Exception as error:
         log.debug("The launcher failed.", exc_info=error)

@@ -104,11 +104,16 @@ def launch_settings(composed: Any) -> dict[str, Any]:
 
 def parse(overrides: Sequence[str]) -> list[Override]:
     """The overrides of a command line."""
-    with hydra_errors(), initialize_config_dir(str(folder()), version_base="1.3"):
-        # The loader knows the groups that `glob(...)` chooses from.
+    with hydra_errors():
+        return overrides_parser().parse_overrides([*overrides])
+
+
+def overrides_parser() -> OverridesParser:
+    """Hydra's parser of overrides, which knows the groups of `conf` that `glob(...)` chooses from."""
+    with initialize_config_dir(str(folder()), version_base="1.3"):
         parser = OverridesParser.create(GlobalHydra.instance().config_loader())
-        parser.functions.functions["shuffle"] = _shuffle
-        return parser.parse_overrides([*overrides])
+    parser.functions.functions["shuffle"] = _shuffle
+    return parser
 
 
 def _shuffle(*_: Any, **__: Any) -> NoReturn:

@@ -5,22 +5,42 @@ its sweep.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from affmap.config.compose import check, compose, parse
+from hydra.errors import HydraException
+
+from affmap.config.compose import check, compose, overrides_parser, parse, values
 from affmap.config.root import Config
-from affmap.settings import ConfigError
+from affmap.results.provenance import leaves
+from affmap.settings import ConfigError, Settings
 from hydra_plugins.hyperopt_sweeper import TRIALS, read_trials, trials_table
+from hydra_plugins.hyperopt_sweeper.hyperopt_sweeper import stored_trials
 
 AFTER_TRAINING = ("agent", "planner", "control", "lookup", "control_layout", "map_layout", "report")
 """Groups that training does not depend on."""
+
+IRRELEVANT = (
+    *("threads", "compiled", "versions", "logger", "store", "reference", "output", "title", "notice"),
+    *(
+        f"{group}.{key}"
+        for group, field in Config.model_fields.items()
+        if isinstance(field.annotation, type) and issubclass(field.annotation, Settings)
+        for key, each in field.annotation.model_fields.items()
+        if each.exclude
+    ),
+)
+"""Keys that change no result of a trial, or its rounding only, such as those that the digests leave out."""
 
 
 class Search(NamedTuple):
     """A search, as a command line describes it."""
 
-    overrides: list[str]
+    fixed: list[str]
+    """Overrides of all trials, and Hydra's own."""
+    searched: list[str]
+    """Overrides with a space."""
     config: Config
     """Configuration of the trials, but for the searched keys."""
     folder: Path
@@ -58,14 +78,19 @@ class Search(NamedTuple):
             )
         log_keys = frozenset(key for key, space in spaces.items() if "log" in space.partition("interval")[0])
         folder = Path(composed.hydra.sweep.dir)
-        return cls([*fixed, *searched.values()], config, folder, settings.num_trials, log_keys)
+        return cls(fixed, [*searched.values()], config, folder, settings.num_trials, log_keys)
+
+    @property
+    def overrides(self) -> list[str]:
+        """All overrides."""
+        return [*self.fixed, *self.searched]
 
     @property
     def trials(self) -> str:
         """The sweeper's table of the trials that are complete, as CSV.
 
         Raises:
-            SearchError: their file is corrupted.
+            SearchError: their file is corrupted or belongs to another search.
         """
         return trials_table(self._complete)
 
@@ -74,11 +99,32 @@ class Search(NamedTuple):
         """Number of trials that are complete.
 
         Raises:
-            SearchError: their file is corrupted.
+            SearchError: their file is corrupted or belongs to another search.
         """
         return len(self._complete)
 
     @property
     def _complete(self) -> list[Any]:
+        sweeper = compose(self.fixed).hydra.sweeper
+        fixed = [str(each.input_line) for each in parse(self.fixed) if not each.is_hydra_override()]
+        arguments = [*self._as_stored(fixed), *self.searched]
+        return stored_trials(self.folder, sweeper, IRRELEVANT, overrides_parser(), arguments)
+
+    def _as_stored(self, fixed: list[str]) -> list[str]:
+        """Fixed overrides in the words of the stored trials, where those mean the same, as with a default spelled out.
+
+        Raises:
+            SearchError: the file of the trials is corrupted.
+        """
         path = self.folder / TRIALS
-        return read_trials(path)[1] if path.exists() else []
+        if path.exists():
+            stored = read_trials(path)[0].get("fixed", fixed)
+            with suppress(ConfigError, HydraException):  # overrides for other files of conf
+                if _relevant(stored) == _relevant(fixed):
+                    return [*stored]
+        return fixed
+
+
+def _relevant(overrides: Sequence[str]) -> dict[str, Any]:
+    """Key -> value, of a configuration without irrelevant keys."""
+    return {key: value for key, value in leaves(values(compose(overrides))).items() if key not in IRRELEVANT}

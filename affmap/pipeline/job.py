@@ -16,12 +16,13 @@ from affmap.settings.messages import ConfigError
 from affmap.store.provenance import canonical
 from affmap.store.stage import Stage
 from affmap.store.store import Store
+from hydra_plugins.hyperopt_sweeper import FinalError
 
 
-class MachineError(Exception):
+class MachineError(FinalError):
     """A lack of this machine, of something that a job needs; the message names it and a remedy.
 
-    No ConfigError, since the values are right: a search, which counts those as failures of a trial, stops.
+    No ConfigError, since the values are right: a search, which counts those as failures of a trial, ends.
     """
 
 

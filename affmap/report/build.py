@@ -28,6 +28,11 @@ class Report(Protocol):
         ...
 
     @property
+    def notice(self) -> str | None:
+        """A notice on every figure, such as that of a smoke run or of a part; None for results."""
+        ...
+
+    @property
     def page(self) -> Path:
         """The file to open first."""
         ...

@@ -7,6 +7,10 @@ from typing import Any, NamedTuple
 from hydra.core.utils import JobReturn, JobStatus
 
 
+class FinalError(Exception):
+    """An application raises it, or a subclass, where no trial can succeed: it ends the search and is no failure."""
+
+
 class Outcome(NamedTuple):
     """The outcome of a trial."""
 

@@ -71,7 +71,9 @@ def load(path: Path, search: Mapping[str, Any]) -> list[Trial]:
     if old != new:
         keys = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
         changes = "; ".join(f"{key} was {_brief(old.get(key))} and is now {_brief(new.get(key))}" for key in keys)
-        raise SearchError(f"{path} belongs to another search: {changes}; {_REMEDY}.")
+        raise SearchError(
+            f"{path} belongs to another search: {changes}; give the overrides that it began with, {_REMEDY}."
+        )
     return trials
 
 

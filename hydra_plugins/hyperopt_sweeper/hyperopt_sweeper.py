@@ -20,7 +20,7 @@ from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
-from hydra_plugins.hyperopt_sweeper._outcomes import failure, outcomes
+from hydra_plugins.hyperopt_sweeper._outcomes import FinalError, failure, outcomes
 from hydra_plugins.hyperopt_sweeper._space import Point, SearchError, Space, TrialError, parse
 from hydra_plugins.hyperopt_sweeper._trials import TRIALS, Trial, load, save, write_results
 
@@ -77,6 +77,40 @@ class HyperoptConf:
 ConfigStore.instance().store(group="hydra/sweeper", name="hyperopt", node=HyperoptConf, provider="hyperopt_sweeper")
 
 
+def identity(settings: HyperoptConf, space: Space) -> dict[str, Any]:
+    """The identity of the search that trials belong to; numbers of trials, batches and failures do not count."""
+    return {
+        "format": 1,
+        "space": {key: str(dimension) for key, dimension in space.dimensions.items()},
+        "fixed": sorted(each for each in space.fixed if _key(each) not in settings.irrelevant),
+        "direction": settings.direction.value,
+        "algorithm": settings.algorithm.value,
+        "num_startup": settings.num_startup,
+        "seed": settings.seed,
+        "initial": settings.initial,
+    }
+
+
+def stored_trials(
+    folder: Path, sweeper: DictConfig, irrelevant: Sequence[str], parser: OverridesParser, arguments: Sequence[str]
+) -> list[Trial]:
+    """The trials in the folder of a search, without searching.
+
+    Args:
+        folder: `hydra.sweep.dir`.
+        sweeper: `hydra.sweeper`, in its composed configuration.
+        irrelevant: `hydra.sweeper.irrelevant`, which replaces that of `sweeper`.
+        parser: Hydra's, of overrides.
+        arguments: overrides of the command line that are not Hydra's own.
+
+    Raises:
+        SearchError: their file is corrupted or belongs to another search, or the space cannot be searched.
+    """
+    settings: Any = OmegaConf.to_container(sweeper, resolve=True)
+    conf = HyperoptConf(**{**settings, "irrelevant": [*irrelevant]})
+    return load(folder / TRIALS, identity(conf, parse(parser, conf.params, arguments)))
+
+
 class HyperoptSweeper(Sweeper):
     """Searches with hyperopt."""
 
@@ -101,6 +135,7 @@ class HyperoptSweeper(Sweeper):
 
         Raises:
             SearchError: the space, the settings or the trials on disk cannot be used; or all trials failed.
+            FinalError: raised by the application.
         """
         from hydra_plugins.hyperopt_sweeper._search import Search
 
@@ -113,8 +148,8 @@ class HyperoptSweeper(Sweeper):
             space, settings.algorithm.value, num_startup=settings.num_startup, seed=settings.seed, initial=initial
         )
         folder = Path(self.config.hydra.sweep.dir).absolute()
-        path, identity = folder / TRIALS, self._identity(space)
-        trials = load(path, identity)
+        path, search_identity = folder / TRIALS, identity(self.settings, space)
+        trials = load(path, search_identity)
         for trial in trials:
             search.restore(trial.point, self._loss(trial.result))
         folder.mkdir(parents=True, exist_ok=True)
@@ -129,7 +164,7 @@ class HyperoptSweeper(Sweeper):
             for trial in batch:
                 search.tell(trial.trial, self._loss(trial.result))
             trials += batch
-            save(path, identity, trials)
+            save(path, search_identity, trials)
             write_results(folder, trials, self._best(trials))
             best = self._best(trials)
             log.info(f"{len(trials)} of {settings.num_trials} trials are complete; the best is {_describe(best)}.")
@@ -154,25 +189,12 @@ class HyperoptSweeper(Sweeper):
                     )
         return space
 
-    def _identity(self, space: Space) -> dict[str, Any]:
-        """The identity of the search that trials belong to; numbers of trials, batches and failures do not count."""
-        settings = self.settings
-        return {
-            "format": 1,
-            "space": {key: str(dimension) for key, dimension in space.dimensions.items()},
-            "fixed": sorted(each for each in space.fixed if _key(each) not in settings.irrelevant),
-            "direction": settings.direction.value,
-            "algorithm": settings.algorithm.value,
-            "num_startup": settings.num_startup,
-            "seed": settings.seed,
-            "initial": settings.initial,
-        }
-
     def _run(self, space: Space, points: Sequence[Point], before: Sequence[Trial]) -> list[Trial]:
         """Run a batch after the trials that were `before` it.
 
         Raises:
             TrialError: too many trials have failed for other reasons than their values.
+            FinalError: raised by the application.
         """
         assert self.launcher is not None
         stacked, first = self.settings.stacked, len(before)
@@ -183,6 +205,9 @@ class HyperoptSweeper(Sweeper):
             results = outcomes(self.launcher.launch(jobs, initial_job_idx=first), len(points), stacked)
         except Exception as error:  # a process was killed, for lack of memory, say: nobody knows whose
             results = [failure(error)] * len(points)
+        for outcome in results:
+            if isinstance(outcome.raised, FinalError):
+                raise outcome.raised
         seconds = round(time.perf_counter() - start, 3)
         crashed = {number: outcome for number, outcome in enumerate(results, start=first) if outcome.crashed}
         failures = sum(trial.crashed for trial in before) + len(crashed)

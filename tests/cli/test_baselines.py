@@ -159,13 +159,17 @@ def test_a_report_waits_for_the_baselines(
     assert in_process(monkeypatch, "affmap-report", arguments) == 0
 
 
-def test_a_partial_report_does_without_the_baselines_that_lack(lacking: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The others are drawn, and the notice counts all."""
+def test_a_partial_report_does_without_the_baselines_that_lack(
+    lacking: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The others are drawn, and the notice counts all; it is not published."""
     monkeypatch.chdir(lacking)
     assert in_process(monkeypatch, "affmap-report", line(lacking, *SWEEP, "report.partial=true")) == 0
     baselines = pd.read_csv(lacking / "output/tables/baselines.csv")
     assert set(baselines["planner"]) == {"oracle"}
     assert "PARTIAL: 1 of 4 settings are not complete" in (lacking / "output/report.html").read_text("utf-8")
+    assert in_process(monkeypatch, "affmap-publish", line(lacking, *SWEEP, "report.partial=true", "notice=null")) == 2
+    assert "not to be published: PARTIAL: 1 of 4 settings are not complete." in capsys.readouterr().err
 
 
 def test_without_baselines_nothing_of_them_is_drawn(swept: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -132,6 +132,8 @@ def test_what_is_no_fault_of_the_values_is_no_trial(
     assert len(trials(tmp_path / "own/output")) == 2
     assert in_process(monkeypatch, "affmap-report", own) == 0
     assert "PARTIAL: 2 of 4 trials are complete**" in capsys.readouterr().out
+    assert in_process(monkeypatch, "affmap-publish", [*own, "notice=null"]) == 2
+    assert "not to be published: PARTIAL: 2 of 4 trials are complete." in capsys.readouterr().err
     shutil.rmtree(train)
     assert in_process(monkeypatch, "affmap", [*own, "threads=2", "versions=any"]) == 0
     pd.testing.assert_frame_equal(pd.DataFrame(trials(tmp_path / "own/output")).drop(columns="batch_seconds"), expected)
@@ -165,6 +167,67 @@ def test_a_mistake_is_reported(
     assert not (tmp_path / "store").exists()
 
 
+@pytest.fixture
+def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The command line of a search of two trials, whose objective is a constant."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("affmap.pipeline.execution.score", lambda config: 1.0)
+    arguments = line(tmp_path, "search=cem", "hydra.sweeper.num_trials=2", "control.device=cuda")
+    assert in_process(monkeypatch, "affmap", arguments) == 0
+    return arguments
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("scale=smoke", "scale=full", 'fixed was ["control.num_steps=3", '),
+        ("search=cem", "search=gradient", 'space was {"planner.horizon": '),
+    ],
+)
+def test_trials_of_another_search_are_refused_by_every_command(
+    old: str,
+    new: str,
+    message: str,
+    found: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Of another scale, without its notice, and of another planner. Nothing is written; the note of the folder, which
+    `affmap-status` reads, stays that of its trials."""
+    path = tmp_path / "output/jobs/trials.jsonl"
+    other = [new if each == old else each for each in found]
+    for entry, flags in {
+        "affmap": [],
+        "affmap-report": [],
+        "affmap-report --check": ["--check"],
+        "affmap-status": [],
+        "affmap-publish": [],
+    }.items():
+        assert in_process(monkeypatch, entry.partition(" ")[0], [*flags, *other]) == 2, entry
+        error = capsys.readouterr().err
+        assert f"{path} belongs to another search: " in error and message in error
+        assert "; give the overrides that it began with, remove that file, or " in error
+    assert not (tmp_path / "output/tables").exists()
+    assert in_process(monkeypatch, "affmap-status", [str(tmp_path / "output")]) == 0
+    assert "2 of 2 trials complete" in capsys.readouterr().out
+
+
+def test_a_search_goes_on_with_another_device(
+    found: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with all keys that the digests of results leave out. A default that is spelled out makes no other search."""
+    own = [each for each in found if each != "control.device=cuda"]
+    others = ["hydra.sweeper.num_trials=3", "training.accelerator=auto", "report.partial=true"]
+    assert in_process(monkeypatch, "affmap", [*own, *others]) == 0
+    assert len(trials(tmp_path / "output")) == 3
+    assert in_process(monkeypatch, "affmap-report", found) == 0
+    assert "3 trials" in capsys.readouterr().out
+    assert in_process(monkeypatch, "affmap-report", [*found, "seed=0"]) == 0
+    assert in_process(monkeypatch, "affmap-report", [*found, "seed=1"]) == 2
+    assert "belongs to another search: fixed was " in capsys.readouterr().err
+
+
 def test_no_search_is_none() -> None:
     assert Search.read(TINY) is None
     with pytest.raises(ConfigError, match="members"):
@@ -174,7 +237,8 @@ def test_no_search_is_none() -> None:
 def test_a_report_needs_trials(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for entry in ("affmap-report", "affmap-publish"):
-        assert in_process(monkeypatch, entry, line(tmp_path, "search=cem", "notice=null")) == 2
-        message = capsys.readouterr().err
-        assert "holds no trials with a result; run `affmap`" in message or "holds no search of these results" in message
+    arguments = line(tmp_path, "search=cem", "notice=null")
+    assert in_process(monkeypatch, "affmap-report", arguments) == 2
+    assert "holds no trials with a result; run `affmap`" in capsys.readouterr().err
+    assert in_process(monkeypatch, "affmap-publish", arguments) == 2
+    assert "not to be published: PARTIAL: 0 of 60 trials are complete." in capsys.readouterr().err

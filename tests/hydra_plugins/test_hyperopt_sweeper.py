@@ -17,7 +17,7 @@ from hydra.errors import ConfigCompositionException
 from hydra.plugins.launcher import Launcher
 from omegaconf import DictConfig, OmegaConf
 
-from hydra_plugins.hyperopt_sweeper._space import SearchError, TrialError
+from hydra_plugins.hyperopt_sweeper import FinalError, SearchError, TrialError
 
 App = Callable[..., Path]
 Stored = Callable[[Path], list[dict[str, Any]]]
@@ -205,6 +205,21 @@ def test_failures_are_counted_over_all_starts_and_bad_values_are_none(app: App) 
         app(task, *arguments, "hydra.sweeper.num_trials=4")
     with pytest.raises(TrialError, match=r"Trial 5 could not be run: RuntimeError: oh; .*max_failures=4 to"):
         app(task, *arguments, "hydra.sweeper.num_trials=9")
+
+
+def test_an_application_can_end_a_search(app: App, stored: Stored) -> None:
+    """With an error of its own, which is raised as it is; no trial of its batch is kept, however many may fail."""
+    arguments = ["x=interval(0,1)", "hydra.sweeper.num_trials=4", "hydra.sweeper.max_failures=9"]
+
+    def task(config: DictConfig) -> float:
+        if HydraConfig.get().job.num == 2:
+            raise FinalError("no GPU")
+        return quadratic(config)
+
+    with pytest.raises(FinalError, match=r"^no GPU$"):
+        app(task, *arguments)
+    assert len(stored(Path("sweep"))) == 2
+    assert len(stored(app(quadratic, *arguments))) == 4
 
 
 def test_a_killed_process_fails_its_batch(app: App, stored: Stored, monkeypatch: pytest.MonkeyPatch) -> None:

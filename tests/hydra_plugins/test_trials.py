@@ -91,7 +91,7 @@ def test_trials_of_another_search_are_refused(path: Path) -> None:
         load(path, {**SEARCH, "seed": 1, "direction": "maximize"})
     assert str(error.value) == (
         f'{path} belongs to another search: direction was null and is now "maximize"; seed was 0 and is now 1; '
-        "remove that file, or choose another folder with hydra.sweep.dir."
+        "give the overrides that it began with, remove that file, or choose another folder with hydra.sweep.dir."
     )
     assert path.read_bytes() == content
 
