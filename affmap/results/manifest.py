@@ -134,10 +134,20 @@ def check_output(output: Path, stages: Iterable[Stage]) -> None:
     Raises:
         ConfigError: the folder holds a report of other stages.
     """
+    if holds_others(output, stages):
+        raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
+
+
+def holds_others(output: Path, stages: Iterable[Stage]) -> bool:
+    """Whether a folder holds an intact report of a stage that is not among `stages`, whatever the version of its rules.
+
+    Args:
+        output: the report's folder.
+        stages: of the expected report.
+    """
     stages_there = read_intact(output).get("stages", ())
     old = {stage.get("configuration", stage["digest"]) for stage in stages_there}
-    if not old <= {stage.configuration for stage in stages}:
-        raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
+    return not old <= {stage.configuration for stage in stages}
 
 
 def same_results(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
