@@ -81,6 +81,36 @@ def test_every_damaged_file_of_the_published_run_is_told(
     assert f"{published / 'exp9/tables/runs.csv'} is in no manifest." in message
 
 
+def test_every_missing_folder_that_a_published_report_names_is_told(
+    published: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One model, all models, one experiment of the paper, all of them; a report that nothing names is git's affair.
+
+    Then everything: an empty folder, and none, are not as they were published.
+    """
+    models, papers = sorted((published / "store/train").iterdir()), sorted(published.glob("exp*"))
+    assert len(models) == 23 and len(papers) == 5
+    away = published.with_name("away")
+    away.mkdir()
+    for folders in (models[:1], models, papers[1:2], papers):
+        for folder in folders:
+            folder.rename(away / folder.name)
+        assert check(published, monkeypatch) == 1
+        message = capsys.readouterr().err
+        assert not [folder for folder in folders if f"{folder} is missing, which {published}/" not in message]
+        assert len({*re.findall(r"(\S+) is missing", message)}) == len(folders)
+        for folder in folders:
+            (away / folder.name).rename(folder)
+    shutil.rmtree(published / "replication")  # named by nothing: its models are not kept either
+    assert check(published, monkeypatch) == 0
+    for path in published.iterdir():
+        shutil.rmtree(path)
+    for _ in range(2):
+        assert check(published, monkeypatch) == 1
+        assert f"{published} holds nothing that was published." in capsys.readouterr().err
+        shutil.rmtree(published, ignore_errors=True)
+
+
 def test_an_agent_never_flies_with_a_record_that_was_changed(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One bit: `beta` is 3 instead of 1."""
     monkeypatch.setattr(pretrained, "reference", lambda: published)
