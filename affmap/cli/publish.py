@@ -129,7 +129,7 @@ def _missing(folder: Path, store: Path, there: Collection[Path]) -> list[str]:
     without models, though the store may have some of them from elsewhere.
     """
     record = manifest.read_intact(folder)
-    named = [folder.with_name(name) for name in record.get("experiments", ())]
+    named = [folder.parent / name for name in record.get("experiments", ())]
     if "compare" not in record and f"tables/{VALIDATION}" in record.get("files", ()):
         named += [
             store / "train" / stage["digest"] for stage in record.get("stages", ()) if stage.get("stage") == "train"
