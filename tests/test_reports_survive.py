@@ -81,6 +81,36 @@ def test_every_damaged_file_of_the_published_run_is_told(
     assert f"{published / 'exp9/tables/runs.csv'} is in no manifest." in message
 
 
+def test_every_missing_folder_that_a_published_report_names_is_told(
+    published: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One model, all models, one experiment of the paper, all of them; a report that nothing names is git's affair.
+
+    Then everything: an empty folder, and none, are not as they were published.
+    """
+    models, papers = sorted((published / "store/train").iterdir()), sorted(published.glob("exp*"))
+    assert len(models) == 23 and len(papers) == 5
+    away = published.with_name("away")
+    away.mkdir()
+    for folders in (models[:1], models, papers[1:2], papers):
+        for folder in folders:
+            folder.rename(away / folder.name)
+        assert check(published, monkeypatch) == 1
+        message = capsys.readouterr().err
+        assert not [folder for folder in folders if f"{folder} is missing, which {published}/" not in message]
+        assert len({*re.findall(r"(\S+) is missing", message)}) == len(folders)
+        for folder in folders:
+            (away / folder.name).rename(folder)
+    shutil.rmtree(published / "replication")  # named by nothing: its models are not kept either
+    assert check(published, monkeypatch) == 0
+    for path in published.iterdir():
+        shutil.rmtree(path)
+    for _ in range(2):
+        assert check(published, monkeypatch) == 1
+        assert f"{published} holds nothing that was published." in capsys.readouterr().err
+        shutil.rmtree(published, ignore_errors=True)
+
+
 def test_an_agent_never_flies_with_a_record_that_was_changed(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One bit: `beta` is 3 instead of 1."""
     monkeypatch.setattr(pretrained, "reference", lambda: published)
@@ -162,6 +192,61 @@ def test_only_files_that_the_report_lists_are_published(tmp_path: Path) -> None:
         manifest.copy(output, tmp_path / "kept", publish.WITHOUT)
     build.write(Small(output, []))
     assert not (output / "report.md").is_symlink() and (output / "tables/more.csv").read_text() == "more"
+
+
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [
+        ("tune", "has {}/tune/cem/"),
+        ("factors", "has {}/factors/acts/"),
+        ("store", "has {}/store/train/"),
+        ("bench", "is the report '"),
+        ("exp2", "is the report 'Experiment II"),
+        ("exp1/tables", "lies in the report {}/exp1;"),
+        ("exp1/mine", "lies in the report {}/exp1;"),
+        ("exp1/report.md", "lies in the report {}/exp1;"),
+        ("notes", "has {}/notes/mine.md, which is not of this report"),
+        ("notes.txt", "has {}/notes.txt, which is not of this report"),
+        ("bare", "has no provenance.json"),
+    ],
+)
+def test_a_report_is_published_in_the_place_of_nothing_else(
+    reference: Path, tmp_path: Path, place: str, reason: str
+) -> None:
+    """Folders of several reports, other reports, folders in them, files of somebody else: all stay as they are."""
+    output = report(tmp_path).output
+    before = disturbed.contents(reference)
+    with pytest.raises(ConfigError) as caught:
+        manifest.copy(output, reference / place, publish.WITHOUT)
+    message = str(caught.value)
+    assert message.startswith(f"the report would be published as {reference / place}, which {reason.format(reference)}")
+    assert message.endswith("; give output= another name, or move what is there.")
+    assert disturbed.contents(reference) == before
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the reference run that no test changes, with files of somebody else."""
+    folder = tmp_path_factory.mktemp("published") / "reference"
+    shutil.copytree(REFERENCE, folder)
+    for name in ("notes/provenance.json", "notes/mine.md", "notes.txt", "bare/report.md"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("mine")
+    return folder
+
+
+@pytest.mark.parametrize("text", [None, "", "{"])
+def test_an_earlier_copy_of_a_report_is_replaced(tmp_path: Path, text: str | None) -> None:
+    """An intact one, of another edition with other files; one whose record is torn."""
+    edition = "new" if text is not None else "old"
+    build.write(Small(tmp_path / "exp1", [], edition))
+    manifest.copy(tmp_path / "exp1", tmp_path / "kept", publish.WITHOUT)
+    if text is not None:
+        (tmp_path / "kept" / PROVENANCE).write_text(text)
+    output = report(tmp_path).output
+    manifest.copy(output, tmp_path / "kept", publish.WITHOUT)
+    assert manifest.problems(tmp_path / "kept", others=False) == []
+    assert manifest.read(tmp_path / "kept")["edition"] == "new"
 
 
 def test_a_file_that_changes_while_it_is_copied_is_not_published(

@@ -3,7 +3,7 @@
 Only intact files that a manifest lists are copied.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
@@ -93,10 +93,13 @@ def _keep(train: Path, config: Config, also: list[str]) -> None:
 
 
 def _check(arguments: list[str]) -> None:
-    """Verify the digests of everything in the folder of the reference run.
+    """Verify the digests of everything in the folder of the reference run, and that nothing that it names is missing.
+
+    A report that nothing else names, such as that of a factor, is not missed when its whole folder is gone; git tells.
 
     Raises:
-        SweepError: a file is not as it was published, or does not belong there.
+        SweepError: a file is not as it was published, or does not belong there; models or an experiment are missing; or
+            there is nothing.
     """
     store = read_sweep(arguments).first.reference
     root, problems = store.parent, []
@@ -109,8 +112,26 @@ def _check(arguments: list[str]) -> None:
             except StoreError as error:
                 problems.append(str(error))
         else:
-            problems += manifest.problems(folder, others=False)
+            problems += manifest.problems(folder, others=False) + _missing(folder, store, folders)
     problems += [f"{path} is in no manifest." for path in files if not {*path.parents} & {*folders}]
+    if not folders:
+        problems.append(f"{root} holds nothing that was published.")
     if problems:
         raise SweepError("\n".join([*problems, "Restore what is published in its last version, or publish it anew."]))
     print(f"{len(folders)} reports and stages in {root}: every file is as it was published.")
+
+
+def _missing(folder: Path, store: Path, there: Collection[Path]) -> list[str]:
+    """A sentence for each folder that the report in `folder` names and that is not there.
+
+    The report of the paper names its experiments, beside it. An experiment's report names its models, which are kept
+    unless it is published alone: with `REPORT_ONLY` it is without tables of its trainings, too. A comparison comes
+    without models, though the store may have some of them from elsewhere.
+    """
+    record = manifest.read_intact(folder)
+    named = [folder.parent / name for name in record.get("experiments", ())]
+    if "compare" not in record and f"tables/{VALIDATION}" in record.get("files", ()):
+        named += [
+            store / "train" / stage["digest"] for stage in record.get("stages", ()) if stage.get("stage") == "train"
+        ]
+    return [f"{path} is missing, which {folder / PROVENANCE} names." for path in named if path not in there]

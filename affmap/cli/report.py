@@ -15,13 +15,16 @@ from affmap.pipeline.job import all_stages
 from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
-from affmap.settings.messages import printable
+from affmap.settings.messages import ConfigError, printable
 from affmap.store.provenance import circumstances, has_path, without_paths
 
 ABOUT = "`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."
 
 CHECK = "--check"
 """Flag: verify every file, draw nothing."""
+
+ANEW = "affmap-report makes a report anew."
+"""The remedy for a damaged report."""
 
 
 def main() -> None:
@@ -109,37 +112,45 @@ def _check(arguments: list[str]) -> None:
     """Verify the digests of all stages and of the report.
 
     Raises:
-        SweepError: a file is not as it was written.
+        SweepError: a file is not as it was written; the message says which command makes it again.
     """
     jobs = read(arguments)
-    output, parts, problems = _check_search(jobs) if isinstance(jobs, Search) else _check_sweep(jobs)
+    output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
+    parts, problems = _check_search(jobs) if isinstance(jobs, Search) else _check_sweep(jobs)
     if problems:
-        raise SweepError("\n".join([*problems, "affmap-report makes a report anew."]))
+        raise SweepError("\n".join(problems))
     print(f"{parts} and the report in {output}: every file is as it was written.")
 
 
-def _check_search(search: Search) -> tuple[Path, str, list[str]]:
-    """The folder of a search's report, its trials in words, and errors in its files."""
+def _check_search(search: Search) -> tuple[str, list[str]]:
+    """The trials of a search in words, and errors in the files of its report, with the remedy."""
     output = search.config.output
     problems = manifest.problems(output)
     if not problems and not manifest.same_results(manifest.read(output), _make_search_report(search).record):
         problems = [f"{output} is the report of other trials."]
-    return output, f"{search.num_complete} trials", problems
+    return f"{search.num_complete} trials", [*problems, ANEW] if problems else []
 
 
-def _check_sweep(sweep: Sweep) -> tuple[Path, str, list[str]]:
-    """The folder of a sweep's report, its stages in words, and errors in its files."""
+def _check_sweep(sweep: Sweep) -> tuple[str, list[str]]:
+    """The stages of a sweep in words, and errors in their files and in those of its report, with the remedies.
+
+    Raises:
+        ConfigError: the folder holds the report of other results.
+    """
     output, jobs = sweep.first.output, status.jobs(sweep, check=True)
     for companion in sweep.companions():
         jobs += status.jobs(companion, check=True)
     stages = {stage.digest: stage for job in jobs for stage in job.parts}
-    problems = [
+    of_stages = [
         stage.state.error or f"Stage {stage.name}/{digest} is {stage.state.name}."
         for digest, stage in stages.items()
         if stage.state.name != "complete"
     ]
-    manifest.check_output(output, all_stages(sweep))
-    problems += manifest.problems(output)
-    if not problems and not manifest.stage_digests(output) <= stages.keys():
-        problems = [f"{output} was made by other versions of the stages' rules."]
-    return output, f"{len(stages)} stages", problems
+    if of_stages:
+        of_stages.append("affmap with the same arguments makes missing stages.")
+    if manifest.holds_others(output, all_stages(sweep)):
+        raise ConfigError(f"{output} holds the report of other results; say output= with the folder of this one.")
+    of_report = manifest.problems(output)
+    if not of_stages and not of_report and not manifest.stage_digests(output) <= stages.keys():
+        of_report = [f"{output} was made by other versions of the stages' rules."]
+    return f"{len(stages)} stages", [*of_stages, *of_report, *([ANEW] if of_report else [])]

@@ -134,10 +134,20 @@ def check_output(output: Path, stages: Iterable[Stage]) -> None:
     Raises:
         ConfigError: the folder holds a report of other stages.
     """
+    if holds_others(output, stages):
+        raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
+
+
+def holds_others(output: Path, stages: Iterable[Stage]) -> bool:
+    """Whether a folder holds an intact report of a stage that is not among `stages`, whatever the version of its rules.
+
+    Args:
+        output: the report's folder.
+        stages: of the expected report.
+    """
     stages_there = read_intact(output).get("stages", ())
     old = {stage.get("configuration", stage["digest"]) for stage in stages_there}
-    if not old <= {stage.configuration for stage in stages}:
-        raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
+    return not old <= {stage.configuration for stage in stages}
 
 
 def same_results(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
@@ -184,7 +194,7 @@ def visible_files(folder: Path) -> list[Path]:
 
 
 def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
-    """Copy the files that the manifest of a report lists, replacing `target`.
+    """Copy the files that the manifest of a report lists, replacing an earlier copy.
 
     Args:
         folder: of the report.
@@ -192,11 +202,12 @@ def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
         without: patterns of files and folders that are left out; a PDF beside the manifest never is.
 
     Raises:
-        ConfigError: a file of the report is not as it was written.
+        ConfigError: a file of the report is not as it was written; or `target` is no earlier copy of it.
     """
     if sentences := problems(folder):
         raise ConfigError("\n".join([*sentences, "Run affmap-report again, which makes the report anew."]))
     record = read(folder)
+    _check_replaceable(target, record)
     files = {name: digest for name, digest in record["files"].items() if _is_kept(PurePath(name), without)}
     new = target.with_name(f".{target.name}.new")
     copy_files(folder, new, files)
@@ -204,6 +215,33 @@ def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
         raise ConfigError(f"{folder} was changed while it was copied; run the same command again.")
     save(new, record, files)
     replace_folder(new, target)
+
+
+def _check_replaceable(target: Path, record: Mapping[str, Any]) -> None:
+    """Make sure that a copy of a report replaces nothing but an earlier one, and is not put into another report.
+
+    An earlier copy has a manifest, which may be torn, the same title, and no files but those that are listed.
+
+    Raises:
+        ConfigError: something else is there.
+    """
+    earlier = read_intact(target)
+    known = {target / name for name in (PROVENANCE, *(earlier or record)["files"])}
+    strangers = [path for path in ([target] if target.is_file() else visible_files(target)) if path not in known]
+    around = [folder for folder in target.parents if read_intact(folder)]
+    if around:
+        reason = f"lies in the report {around[0]}"
+    elif strangers:
+        reason = f"has {strangers[0]}, which is not of this report"
+    elif earlier and earlier.get("title") != record.get("title"):
+        reason = f"is the report {earlier.get('title')!r}"
+    elif visible_files(target) and not (target / PROVENANCE).is_file():
+        reason = f"has no {PROVENANCE}"
+    else:
+        return
+    raise ConfigError(
+        f"the report would be published as {target}, which {reason}; give output= another name, or move what is there."
+    )
 
 
 def _is_kept(name: PurePath, without: Sequence[str]) -> bool:

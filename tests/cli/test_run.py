@@ -636,6 +636,19 @@ def test_a_report_and_all_that_it_comes_from_can_be_checked(
     message = capsys.readouterr().err
     assert f"{table} is not as it was written." in message and f"{weights} is corrupted; remove the folder" in message
     assert message.count(" is missing.") == 4  # the third setting's training, predictions, maps and control
+    by_stages = "affmap with the same arguments makes missing stages.\n"
+    assert message.index(str(weights)) < message.index(by_stages) < message.index(str(table))
+    assert message.endswith("affmap-report makes a report anew.\n")
+    shutil.rmtree(weights.parent)
+    assert in_process(monkeypatch, "affmap-report", arguments) != 0  # as the stage is missing, no report can be made
+    table.write_text(table.read_text().replace("1.", "0.", 1))
+    capsys.readouterr()
+    assert in_process(monkeypatch, "affmap-report", ["--check", *arguments]) == 1
+    assert re.fullmatch(rf"Stage train/\w+ is missing\.\n{by_stages}", capsys.readouterr().err)
+    fewer = [each.replace("=0,1", "=0") for each in arguments]
+    assert in_process(monkeypatch, "affmap-report", ["--check", *fewer]) == 2
+    told = f"{folder / 'output'} holds the report of other results; say output= with the folder of this one.\n"
+    assert capsys.readouterr().err.endswith(told)
 
 
 @pytest.mark.parametrize("entry", ["affmap-report", "affmap-publish"])
