@@ -95,7 +95,7 @@ def test_what_is_no_observation_of_one_vehicle_is_told() -> None:
     expected = "position [2], delta [2], goal [2], view [1, 11, 11]"
     for observation, fault in bad:
         for call in (pilot, pilot.consider):
-            with pytest.raises(ValueError) as caught:
+            with pytest.raises(ValueError, match="give a dictionary") as caught:
                 call(observation)
             assert str(caught.value) == f"{fault}; give a dictionary of finite numbers for one vehicle: {expected}."
     with pytest.raises(ValueError, match=r"^the observation is \({'position': .*; give a dictionary"):
