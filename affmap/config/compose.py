@@ -127,7 +127,9 @@ def compose(overrides: Sequence[str]) -> Any:
 def _check_aliases(conf: Path, _modified: int) -> None:
     """Make sure that Hydra, which writes out all aliases, can read any file."""
     for path in filter(Path.is_file, sorted(conf.rglob("*.yaml"))):
-        plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), f"conf/{path.relative_to(conf)}")
+        name = f"conf/{path.relative_to(conf)}"
+        plain_yaml.check_size(path, name)
+        plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), name)
 
 
 @lru_cache(maxsize=64)

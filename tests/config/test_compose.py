@@ -85,3 +85,8 @@ def test_errors_of_yaml_name_the_file_as_it_is_called(own_conf: Path) -> None:
     (own_conf / "experiment/mine.yaml").write_text("# @package _global_\ntitle: [\n")
     message = told("experiment=mine")
     assert 'in "conf/experiment/mine.yaml", line 3' in message and str(own_conf) not in message
+
+
+def test_a_file_that_would_take_minutes_is_refused_before_hydra_reads_it(own_conf: Path) -> None:
+    (own_conf / "experiment/mine.yaml").write_text(f"# @package _global_\n{MINE}{'#' * 10**6}\n")
+    assert re.match(r"conf/experiment/mine\.yaml has 1,000,0\d\d bytes; ", told("experiment=mine"))

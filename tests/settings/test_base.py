@@ -1,6 +1,7 @@
 """Settings: every kind of error is one sentence with file, key, value and remedy; files stay as they are."""
 
 import logging
+import os
 from collections.abc import Iterator
 from copy import deepcopy
 from pathlib import Path
@@ -113,6 +114,29 @@ def test_an_unknown_file_lists_what_exists(conf: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         Cart.load("cart", "best")
     assert str(caught.value) == "conf/cart/best.yaml does not exist; conf/cart holds: another, good."
+
+
+def test_what_is_no_regular_file_does_not_exist_and_is_not_listed(conf: Path) -> None:
+    """A folder and a FIFO, which nobody writes."""
+    (conf / "cart" / "folder.yaml").mkdir()
+    os.mkfifo(conf / "cart" / "pipe.yaml")
+    for name in ("folder", "pipe"):
+        with pytest.raises(ConfigError) as caught:
+            Cart.load("cart", name)
+        assert str(caught.value) == f"conf/cart/{name}.yaml does not exist; conf/cart holds: good."
+
+
+def test_a_file_that_would_take_minutes_is_refused_before_it_is_read(conf: Path) -> None:
+    """By its size; one of the size that is allowed is read."""
+    comment = "#" * (10**6 - len(GOOD) - 1) + "\n"
+    (conf / "cart" / "large.yaml").write_text(comment + GOOD)
+    assert Cart.load("cart", "large") == Cart.load("cart", "good")
+    (conf / "cart" / "larger.yaml").write_text(f"#{comment}{GOOD}")
+    with pytest.raises(ConfigError) as caught:
+        Cart.load("cart", "larger")
+    assert str(caught.value) == (
+        "conf/cart/larger.yaml has 1,000,001 bytes; a file of conf may have 1,000,000, so make it shorter."
+    )
 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n", "- 1\n- 2\n", "just words"])
