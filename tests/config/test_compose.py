@@ -17,28 +17,49 @@ def told(*line: str) -> str:
     return str(caught.value)
 
 
+HYPEROPT = "defaults:\n  - override /hydra/sweeper: hyperopt\nobjective: success\n"
+
+
 @pytest.mark.parametrize(
-    ("name", "text"),
+    ("name", "text", "remedy"),
     [
-        ("experiment/mine", MINE),
-        ("experiment/folder/mine", MINE),
-        ("experiment/mine", f"# My experiment.\n# @package _global_\n{MINE}"),
-        ("experiment/mine", f"{MINE}# @package _global_\n"),
-        ("experiment/mine", f"# @package _global\n{MINE}"),
-        ("experiment/mine", f"# @package experiment\n{MINE}"),
-        ("scale/mine", "members: 3\nnotice: null\n"),
-        ("search/mine", "objective: success\n"),
+        ("experiment/mine", MINE, "add it"),
+        ("experiment/folder/mine", MINE, "add it"),
+        (
+            "experiment/mine",
+            f"# My experiment.\n# @package _global_\n{MINE}",
+            "line 2 is '# @package _global_', so move it to the top",
+        ),
+        ("experiment/mine", f"{MINE}# @package _global_\n", "line 3 is '# @package _global_', so move it to the top"),
+        ("experiment/mine", f"# @package _global\n{MINE}", "line 1 is '# @package _global', so correct it"),
+        ("experiment/mine", f"# @package experiment\n{MINE}", "line 1 is '# @package experiment', so correct it"),
+        (
+            "experiment/mine",
+            f"{MINE}# @pakage _global_\n",
+            "line 3 is '# @pakage _global_', so correct it and move it to the top",
+        ),
+        ("scale/mine", "members: 3\nnotice: null\n", "add it"),
+        ("search/mine", "objective: success\n", "add it"),
+        ("search/mine", HYPEROPT, "add it"),
+        (
+            "search/folder/mine",
+            f"# Mine.\n# @package _global_\n{HYPEROPT}",
+            "line 2 is '# @package _global_', so move it to the top",
+        ),
+        ("experiment/mine", "defaults:\n  - override /planner: cem\n", "add it"),
     ],
 )
-def test_a_file_without_its_package_line_is_named_with_the_line(own_conf: Path, name: str, text: str) -> None:
+def test_a_file_without_its_package_line_is_named_with_the_line(
+    own_conf: Path, name: str, text: str, remedy: str
+) -> None:
     """Missing, not the first line, or misspelt: the file's keys would be those of a group that no job has."""
     path = own_conf / f"{name}.yaml"
     path.parent.mkdir(exist_ok=True)
     path.write_text(text)
     group, _, option = name.partition("/")
-    sentence = f"conf/{name}.yaml should begin with the line `# @package _global_`; add it."
+    sentence = f"conf/{name}.yaml should begin with the line `# @package _global_`; {remedy}."
     assert told(f"{group}={option}") == sentence
-    path.write_text(f"# @package _global_\n{text.replace('@package', '')}")
+    path.write_text(f"# @package _global_\n{text.replace('@', '')}")
     assert len(sweep.jobs(sweep.complete([f"{group}={option}"]))) == 1, "the remedy helps"
 
 
