@@ -125,7 +125,14 @@ def parse(overrides: Sequence[str]) -> list[Override]:
         # The loader knows the groups that `glob(...)` chooses from.
         parser = OverridesParser.create(GlobalHydra.instance().config_loader())
         parser.functions.functions["shuffle"] = _shuffle
-        return parser.parse_overrides([*overrides])
+        parsed = parser.parse_overrides([*overrides])
+    for each in parsed:
+        if not each.key_or_group:
+            raise ConfigError(
+                f"the override {format_value(each.input_line)} has no key; write key=value, such as "
+                "model.context_size=3."
+            )
+    return parsed
 
 
 def _shuffle(*_: Any, **__: Any) -> NoReturn:

@@ -1,6 +1,7 @@
 """Composition of files that somebody adds to `conf`: mistakes in them are told with the file."""
 
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -111,3 +112,38 @@ def test_errors_of_yaml_name_the_file_as_it_is_called(own_conf: Path) -> None:
 def test_a_file_that_would_take_minutes_is_refused_before_hydra_reads_it(own_conf: Path) -> None:
     (own_conf / "experiment/mine.yaml").write_text(f"# @package _global_\n{MINE}{'#' * 10**6}\n")
     assert re.match(r"conf/experiment/mine\.yaml has 1,000,0\d\d bytes; ", told("experiment=mine"))
+
+
+NO_KEY = "has no key; write key=value, such as model.context_size=3."
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("=x", f"the override '=x' {NO_KEY}"),
+        ("=1,2", f"the override '=1,2' {NO_KEY}"),
+        ("+=x", f"the override '+=x' {NO_KEY}"),
+        ("~", f"the override '~' {NO_KEY}"),
+        ("@a=b", f"the override '@a=b' {NO_KEY}"),
+        ("~foo", "foo is not a known key; correct its spelling."),
+        ("~foo=3", "foo is not a known key; correct its spelling."),
+        ("~planner.foo", "planner.foo is not a known key; correct its spelling."),
+        ("planner@foo=cem", "planner@foo is not a known key; correct its spelling."),
+        ("~planner=gradient", "planner is not gradient, so it cannot be removed; leave the override out."),
+        ("~seed=99", "seed is not 99, so it cannot be removed; leave the override out."),
+    ],
+)
+def test_overrides_of_no_key_are_told_in_sentences_of_ours(override: str, sentence: str) -> None:
+    """Golden sentences, without Hydra's talk of its defaults list."""
+    assert told(override) == sentence
+
+
+@pytest.mark.parametrize(("launcher", "package"), [("ray", "hydra-ray-launcher"), ("slurm", "hydra-submitit-launcher")])
+def test_a_launcher_whose_package_is_not_installed_names_the_extra(launcher: str, package: str) -> None:
+    """By pyproject.toml; Hydra lists the launchers that are there."""
+    if find_spec(f"hydra_plugins.{package.replace('-', '_')}"):
+        pytest.skip("it is installed")
+    assert told(f"hydra/launcher={launcher}") == (
+        f"hydra/launcher = {launcher!r} needs {package}, which is not installed: pip install 'affmap[{launcher}]'."
+    )
+    assert "'nope' does not exist; there are: basic," in told("hydra/launcher=nope")
