@@ -11,6 +11,7 @@ from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
+from hydra.errors import ConfigCompositionException
 from omegaconf import OmegaConf
 
 from affmap.config import interpolations, memory
@@ -61,9 +62,25 @@ def _check_packages(choices: Mapping[str, str | None], unknown: Collection[str])
         # The chosen file may build on another one of its group.
         others = sorted((folder() / group).rglob("*.yaml")) if group in unknown else []
         for path in (folder() / group / f"{choice}.yaml", *others):
-            if path.is_file() and not re.match(r"\s*#\s*@package\s+_global_\s", path.read_text("utf-8")):
-                name = f"conf/{path.relative_to(folder())}"
-                raise ConfigError(f"{name} should begin with the line `# @package _global_`; add it.")
+            if path.is_file():
+                _check_package(path)
+
+
+def _check_package(path: Path) -> None:
+    """Make sure that a file begins with the line that makes its keys those of the whole configuration.
+
+    Raises:
+        ConfigError: the line is missing, misspelt or in another place.
+    """
+    text, line = path.read_text("utf-8"), "# @package _global_"
+    if re.match(r"\s*#\s*@package\s+_global_(\s|$)", text):
+        return
+    remedy = "add it"
+    if found := re.search(r"^\s*#\s*@.*", text, re.MULTILINE):
+        number, present = text.count("\n", 0, found.end()) + 1, found[0].strip()
+        steps = [*(["correct it"] if present != line else []), *(["move it to the top"] if number > 1 else [])]
+        remedy = f"line {number} is {format_value(present)}, so {' and '.join(steps)}"
+    raise ConfigError(f"conf/{path.relative_to(folder())} should begin with the line `{line}`; {remedy}.")
 
 
 def check_launch(settings: Mapping[str, Any]) -> None:
@@ -105,7 +122,14 @@ def launch_settings(composed: Any) -> dict[str, Any]:
 def parse(overrides: Sequence[str]) -> list[Override]:
     """The overrides of a command line."""
     with hydra_errors():
-        return overrides_parser().parse_overrides([*overrides])
+        parsed = overrides_parser().parse_overrides([*overrides])
+    for each in parsed:
+        if not each.key_or_group:
+            raise ConfigError(
+                f"the override {format_value(each.input_line)} has no key; write key=value, such as "
+                "model.context_size=3."
+            )
+    return parsed
 
 
 def overrides_parser() -> OverridesParser:
@@ -132,13 +156,22 @@ def compose(overrides: Sequence[str]) -> Any:
 def _check_aliases(conf: Path, _modified: int) -> None:
     """Make sure that Hydra, which writes out all aliases, can read any file."""
     for path in filter(Path.is_file, sorted(conf.rglob("*.yaml"))):
-        plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), f"conf/{path.relative_to(conf)}")
+        name = f"conf/{path.relative_to(conf)}"
+        plain_yaml.check_size(path, name)
+        plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), name)
 
 
 @lru_cache(maxsize=64)
 def _compose(overrides: tuple[str, ...], conf: Path, _modified: int) -> Any:
     with hydra_errors(), initialize_config_dir(str(conf), version_base="1.3"):
-        composed = hydra.compose("config", [*overrides], return_hydra_config=True)
+        try:
+            composed = hydra.compose("config", [*overrides], return_hydra_config=True)
+        except ConfigCompositionException as error:
+            # What such a file overrides, Hydra looks for in the file's own group.
+            file = re.match(r"In '((\w+)/.+?)': Could not override '.+@\2\.", str(error))
+            if file and file[2] not in Config.model_fields:
+                _check_package(folder() / f"{file[1]}.yaml")
+            raise
         interpolations.check(composed)
         return composed
 

@@ -4,6 +4,7 @@ import re
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib.metadata import requires
 
 from hydra.errors import OverrideParseException
 
@@ -30,20 +31,29 @@ def hydra_errors() -> Iterator[None]:
 def _explain(error: Exception) -> str:
     """Hydra's error as a sentence: a malformed override, an unknown key, an unknown option, or anything else."""
     text = str(error) or str(error.__cause__ or "") or "Hydra gives no reason"
+    if isinstance(error, RecursionError):
+        return "this cannot be read: it is nested too deeply."
     if isinstance(error, OverrideParseException):
         reason = re.search(r"while (evaluating .*)", text)
         remedy = one_line(reason[1]) if reason else _explain_override(error.override)
         return f"the override {format_value(error.override)} cannot be read: {remedy}."
     if override := re.search(r"^Could not override '(.+)'\.\nTo append to your config", text):
         return _explain_key(getattr(error.__cause__, "full_key", None) or override[1])
+    if unknown := re.search(
+        r"^Could not override '(.+?)'\.\s+(?:No match|Did you)|^.+ config\. '(.+)' does not exist", text
+    ):
+        return _explain_key(unknown[1] or unknown[2])
+    if other := re.search(r"^Could not delete '(.+?)=(.*)'\. No match|value of '(.+)' is .* and not (.*)\.$", text):
+        key, value = other[1] or other[3], other[2] or other[4]
+        return f"{one_line(key)} is not {one_line(value)}, so it cannot be removed; leave the override out."
+    if launcher := re.search(r"Could not find 'hydra/launcher/(\w+)'|In 'hydra/launcher/(\w+)': Could not load", text):
+        extra = launcher[1] or launcher[2]
+        if package := _package_of(extra):
+            return f"hydra/launcher = {extra!r} needs {package}, which is not installed: pip install 'affmap[{extra}]'."
     if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
         path, group, options = choice.groups()
         names = ", ".join([*options.split(), *_nested(group)])
         return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
-    if extra := re.search(r"In 'hydra/launcher/(\w+)': Could not load '(.+)'", text):
-        return (
-            f"hydra/launcher = {extra[1]!r} needs {extra[2]}, which is not installed: pip install 'affmap[{extra[1]}]'."
-        )
     if present := re.search(r"An item is already at '(.+?)'", text):
         return f"{one_line(present[1])} is a key already; leave out the +."
     if twice := re.search(r'found duplicate key (.+)\n *in "(.+)", line (\d+)', text):
@@ -102,6 +112,12 @@ def _options_with(key: str) -> list[str]:
         with suppress(ConfigError):  # of a file with another mistake
             options += [f"{group}={path.stem}"] if name in read(group, path.stem) else []
     return options
+
+
+def _package_of(extra: str) -> str | None:
+    """The package with Hydra's plugin that an extra of affmap installs; None where there is no such extra."""
+    found = (re.match(rf"(hydra-[\w-]+).* extra == .{extra}.$", each) for each in requires("affmap") or ())
+    return next((each[1] for each in found if each), None)
 
 
 def _nested(group: str) -> list[str]:

@@ -17,7 +17,9 @@ from affmap.control.mpc import PlanningAgent
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural, first_layout
 from affmap.random import generator
+from affmap.settings.messages import format_value
 from affmap.threads import limited
+from affmap.view import PIXELS
 
 
 class Thought(NamedTuple):
@@ -56,8 +58,10 @@ class Pilot:
         if len(seeds) != 1:
             raise ValueError(f"a pilot is one member, and this agent has {list(seeds)}; load a single one.")
         self._seed, self._threads = seed, threads
+        world = first_layout(layout, seeds[0])
+        self._shapes = {"position": [2], "delta": [2], "goal": [2], "view": [len(world.channels), PIXELS, PIXELS]}
         with limited(threads):
-            self.agent = bring(agent, first_layout(layout, seeds[0]))
+            self.agent = bring(agent, world)
         self._device = agent.settings.device if isinstance(agent, PlanningAgent) else "cpu"
         self.reset()
 
@@ -68,7 +72,12 @@ class Pilot:
         self._last: tuple[Observation, Any, Decision] | None = None
 
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Action `[4]` for an observation of the environment."""
+        """Action `[4]` for an observation of the environment.
+
+        Raises:
+            ValueError: it is no observation of one vehicle in the pilot's world, or a number in it is not finite.
+        """
+        self._check(observation)
         batch, state = Observation.of([observation], self._device), self._state
         with limited(self._threads):
             if isinstance(self.agent, PlanningAgent):
@@ -77,6 +86,29 @@ class Pilot:
                 decision, self._state = self.agent.act(batch, state, self._generators)
         self._last = batch, state, decision
         return decision.action[0].cpu().numpy()
+
+    def _check(self, observation: Mapping[str, np.ndarray]) -> None:
+        if fault := self._fault(observation):
+            expected = ", ".join(f"{key} {shape}" for key, shape in self._shapes.items())
+            raise ValueError(f"{fault}; give a dictionary of finite numbers for one vehicle: {expected}.")
+
+    def _fault(self, observation: Mapping[str, np.ndarray]) -> str | None:
+        """The first mistake of an observation."""
+        if not isinstance(observation, Mapping):
+            return f"the observation is {format_value(observation)}"
+        for key, shape in self._shapes.items():
+            if key not in observation:
+                return f"the observation has no {key}"
+            value = observation[key]
+            try:
+                array = np.asarray(value)
+            except (TypeError, ValueError, RuntimeError):  # rows of several lengths, or a tensor that NumPy cannot read
+                return f"the observation's {key} is {format_value(value)}"
+            if list(array.shape) != shape:
+                return f"the observation's {key} has the shape {list(array.shape)}"
+            if array.dtype.kind not in "biuf" or not (abs(array) <= np.finfo(np.float32).max).all():
+                return f"the observation's {key} is {format_value(array.tolist())}"
+        return None
 
     def consider(self, observation: Mapping[str, np.ndarray]) -> Thought:
         """Preview the plan for an observation; the state of the pilot stays as it is."""

@@ -1,10 +1,17 @@
 """Settings of control, in a module without torch, which takes seconds to import."""
 
+import re
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from affmap.settings import Count, Length, NonNegative, Settings
+
+
+def _check_device(device: str) -> str:
+    if not re.fullmatch(r"cpu|cuda(:(0|[1-9][0-9]?))?", device, re.ASCII):
+        raise ValueError("should be cpu, cuda or cuda:<number>")
+    return device
 
 
 class ControlSettings(Settings):
@@ -24,5 +31,5 @@ class ControlSettings(Settings):
     """Distance to the goal below which it is near, u."""
     goal_radius: Length
     """Distance to the goal below which it is reached, u."""
-    device: str = Field(pattern=r"^(cpu|cuda(:(0|[1-9][0-9]?))?)$", exclude=True)
+    device: Annotated[str, AfterValidator(_check_device), Field(exclude=True)]
     """Device for planning: cpu or cuda."""

@@ -20,7 +20,8 @@ from pydantic import Field, model_validator
 
 from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout
 from affmap.random import generator
-from affmap.settings import Count, Length, Line, NonNegative, Settings, read
+from affmap.settings import ConfigError, Count, Length, Line, NonNegative, Settings, read
+from affmap.settings.messages import format_value
 
 ROUNDS = 300
 """Rounds in which the circles shrink; as many again follow at the smallest radius."""
@@ -216,4 +217,9 @@ def load(layout: Layout | Procedural | Mapping[str, Any] | str) -> Layout | Proc
         return Procedural.load("layout", layout) if is_procedural(layout) else Layout.load("layout", layout)
     if isinstance(layout, Mapping):
         return (Procedural if "properties" in layout else Layout).checked(layout, "layout")
+    if not isinstance(layout, Layout | Procedural):
+        raise ConfigError(
+            f"layout = {format_value(layout)} is not allowed: give the name of a file in conf/layout, or the keys and "
+            "values of a layout."
+        )
     return layout

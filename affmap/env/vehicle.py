@@ -15,6 +15,7 @@ from affmap.env.layout import Layout
 from affmap.env.physics import Physics
 from affmap.env.procedural import Procedural, load
 from affmap.settings import Settings
+from affmap.settings.messages import format_value
 from affmap.view import PIXELS, view
 
 RENDER_FPS = 30
@@ -171,9 +172,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def advance(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Fly as in `step`, without a view: a vector of environments cuts out all views at once."""
-        action = np.array(action, float)
-        if action.shape != (4,) or not all(0 <= throttle <= 1 for throttle in action.tolist()):
-            action = _clip(action)
+        action = _throttles(action)
         self._running().step(action)
         self.action = action
         last = self._reported
@@ -259,13 +258,21 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         }
 
 
-def _clip(action: np.ndarray) -> np.ndarray:
-    """Clip throttles that rounding has put outside [0, 1].
+def _throttles(action: np.ndarray) -> np.ndarray:
+    """An action as an array of its own, `[4]` float64; throttles that rounding has put outside [0, 1] are clipped.
 
     Raises:
-        ValueError: more than rounding, or not four throttles.
+        ValueError: more than rounding, or not four real numbers.
     """
-    clipped = action.clip(0, 1)
-    if action.shape != (4,) or not (abs(action - clipped) <= ROUNDING).all():
-        raise ValueError(f"action = {action.tolist()} is not allowed: give four numbers in [0, 1].")
-    return clipped
+    try:
+        array = np.asarray(action)
+    except (TypeError, ValueError):  # rows of several lengths
+        array = np.array(repr(action))
+    if array.shape == (4,) and array.dtype.kind in "biuf":
+        throttles = array.astype(float)
+        if all(0 <= throttle <= 1 for throttle in throttles.tolist()):
+            return throttles
+        clipped = throttles.clip(0, 1)
+        if (abs(throttles - clipped) <= ROUNDING).all():
+            return clipped
+    raise ValueError(f"action = {format_value(array.tolist())} is not allowed: give four numbers in [0, 1].")

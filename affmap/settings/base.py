@@ -134,15 +134,16 @@ def read(group: str, name: str) -> dict[str, Any]:
     """The plain content of `conf/<group>/<name>.yaml`.
 
     Raises:
-        ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is not
-            plain YAML, see `affmap.settings.plain_yaml.load`.
+        ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is too
+            large or not plain YAML, see `affmap.settings.plain_yaml`.
     """
     path = folder() / group / f"{name}.yaml"
-    options = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml")))
+    options = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml") if file.is_file()))
     if not re.fullmatch(NAME, name):
         raise ConfigError(f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {options}.")
     if not path.is_file():
         raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {options}.")
+    plain_yaml.check_size(path, f"conf/{group}/{name}.yaml")
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:

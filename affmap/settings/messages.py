@@ -11,6 +11,14 @@ MOST = 10
 """Sentences of one error; further ones are only counted."""
 
 
+_PROBLEMS = {
+    "path_type": "should be the path of a folder",
+    "model_type": "should be a valid dictionary",
+    "int_parsing_size": "should have fewer digits",
+}
+"""Problems for which pydantic's words name classes, or are no part of a sentence."""
+
+
 class ConfigError(ValueError):
     """A configuration that cannot be used; the message names key, value and remedy."""
 
@@ -68,11 +76,14 @@ def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins:
 def sentence(item: ErrorDetails, values: Any) -> str:
     """An invalid value in a sentence: key = value, error, remedy."""
     key, value = _key(item["loc"], values, item["type"] == "missing"), format_value(item["input"])
-    problem = shorten(re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"]), 400)
+    problem = _PROBLEMS.get(item["type"]) or re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
+    problem = shorten(problem, 400)
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
         return f"{key} = {value} is not a known key; remove it or correct its spelling."
+    if item["type"] == "invalid_key" or (item["loc"][-1:] == ("[key]",) and not isinstance(item["input"], str)):
+        return f"{key}: the key is not text; put quotes around it, or remove it."
     if item["type"] == "union_tag_not_found":
         return f"{key}.kind is missing; add the key."
     if item["type"] == "union_tag_invalid":

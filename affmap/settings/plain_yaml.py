@@ -2,6 +2,7 @@
 
 import math
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -11,7 +12,20 @@ from affmap.settings.messages import ConfigError, format_value, one_line
 MOST_ALIASED = 10_000
 """Most values that the aliases of a file may stand for. Aliases of aliases multiply: 300 bytes can mean 10^9 values."""
 
+MOST_BYTES = 10**6
+"""Most bytes of a file, which take seconds to read; the largest layout that is allowed has a tenth of them."""
+
 _MERGE = "tag:yaml.org,2002:merge"
+
+
+def check_size(path: Path, name: str) -> None:
+    """Make sure that a file can be read in little time.
+
+    Raises:
+        ConfigError: it is too large.
+    """
+    if (size := path.stat().st_size) > MOST_BYTES:
+        raise ConfigError(f"{name} has {size:,} bytes; a file of conf may have {MOST_BYTES:,}, so make it shorter.")
 
 
 def load(text: str, name: str) -> Any:
@@ -31,7 +45,20 @@ def load(text: str, name: str) -> Any:
     except ConfigError:
         raise
     except Exception as error:  # Python's own, too: ValueError for a month 13, RecursionError for brackets in brackets
-        raise ConfigError(f"{name} is not plain YAML: {one_line(str(error))}.") from None
+        raise ConfigError(f"{name} is not plain YAML: {one_line(_reason(error, text))}.") from None
+
+
+def _reason(error: Exception, text: str) -> str:
+    """An error as text: the line of the file and what is wrong there, as far as they are known."""
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    if isinstance(error, yaml.reader.ReaderError):
+        line = text.count("\n", 0, error.position) + 1
+        return f"line {line}: the character {chr(error.character)!r} is not allowed"
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        reason = ", ".join(filter(None, (error.context, error.problem)))
+        return f"line {error.problem_mark.line + 1}: {reason}"
+    return str(error)
 
 
 def check_aliases(text: str, name: str) -> None:

@@ -1,5 +1,7 @@
 """One agent, step by step: against the same agent among many runs at once."""
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -70,3 +72,32 @@ def test_a_pilot_is_one_member_and_sees_its_world() -> None:
         Pilot(affmap.load("exp1", members=(0, 1)), LAYOUT)
     with pytest.raises(ValueError, match=r"the agent was trained with .*force_down"):
         Pilot(affmap.load("exp5"), LAYOUT)
+
+
+def test_what_is_no_observation_of_one_vehicle_is_told() -> None:
+    """Golden sentences; the state of the pilot stays as it was."""
+    env, pilot, other = affmap.VehicleEnv(LAYOUT), *(Pilot(affmap.load("exp1"), LAYOUT) for _ in range(2))
+    good, info = env.reset(seed=0)
+    both = gymnasium.make_vec("affmap/Vehicle-v0", num_envs=3, layout=LAYOUT).reset(seed=0)[0]
+    bad: list[tuple[Any, str]] = [
+        (both, "the observation's position has the shape [3, 2]"),
+        ({key: value for key, value in good.items() if key != "delta"}, "the observation has no delta"),
+        (None, "the observation is None"),
+        (good | {"position": [np.nan, 1.0]}, "the observation's position is [nan, 1.0]"),
+        (good | {"goal": [1.0, -np.inf]}, "the observation's goal is [1.0, -inf]"),
+        (good | {"goal": [1.0, 1e300]}, "the observation's goal is [1.0, 1e+300]"),
+        (good | {"goal": ["1", "2"]}, "the observation's goal is ['1', '2']"),
+        (good | {"goal": [1.0, 1j]}, "the observation's goal is [(1+0j), 1j]"),
+        (good | {"delta": None}, "the observation's delta has the shape []"),
+        (good | {"delta": [[1.0], [1.0, 2.0]]}, "the observation's delta is [[1.0], [1.0, 2.0]]"),
+        (good | {"view": good["view"][0]}, "the observation's view has the shape [11, 11]"),
+    ]
+    expected = "position [2], delta [2], goal [2], view [1, 11, 11]"
+    for observation, fault in bad:
+        for call in (pilot, pilot.consider):
+            with pytest.raises(ValueError, match="give a dictionary") as caught:
+                call(observation)
+            assert str(caught.value) == f"{fault}; give a dictionary of finite numbers for one vehicle: {expected}."
+    with pytest.raises(ValueError, match=r"^the observation is \({'position': .*; give a dictionary"):
+        pilot((good, info))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(pilot(good), other(good))

@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rollouts import actions, assert_bit_equal, rollout
 
-from affmap.env import Layout, VehicleEnv
+from affmap.env import Layout, VehicleEnv, procedural
 from affmap.env.layout import Acts
+from affmap.env.vector import VehicleVectorEnv
 from affmap.settings import ConfigError
 from affmap.view import view
 
@@ -175,19 +176,32 @@ def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> Non
     assert issubclass(ConfigError, ValueError)
 
 
+@pytest.mark.parametrize("layout", [3, None, ["original"], 1.5])
+@pytest.mark.parametrize("make", [VehicleEnv, VehicleVectorEnv, procedural.load])
+def test_what_is_no_layout_is_refused(make: Callable[..., object], layout: object) -> None:
+    """A golden sentence, from all that take a layout."""
+    with pytest.raises(ConfigError) as caught:
+        make(layout=layout)
+    assert str(caught.value) == (
+        f"layout = {layout!r} is not allowed: give the name of a file in conf/layout, or the keys and values of a "
+        "layout."
+    )
+
+
 BAD_ACTIONS: list[Any] = [[math.nan, 0, 0, 0], [-0.1, 0, 0, 0], [0, 0, 0, 1.1], [-2e-6, 0, 0, 0], [0, 0, 1.000002, 0]]
-BAD_ACTIONS += [[0, 0, 0], [[0, 0, 0, 0]], [0, 0, 0, math.inf], []]
+BAD_ACTIONS += [[0, 0, 0], [[0, 0, 0, 0]], [0, 0, 0, math.inf], [], [0, 0, 0, 0.5j], "abcd", list("0000"), None]
+BAD_ACTIONS += [{"a": 1}, [0, 0, 0, None], [0, [0, 0], 0, 0]]
 
 
 @pytest.mark.parametrize("bad", BAD_ACTIONS, ids=str)
-def test_a_bad_action_is_refused_and_nothing_is_lost(bad: list[float]) -> None:
+def test_a_bad_action_is_refused_and_nothing_is_lost(bad: Any) -> None:
     """Same as the run, and the picture, without it."""
     layout = world((1.5, 1.0, 2.0, "fog"))
     env, reference = (VehicleEnv(layout, render_mode="rgb_array") for _ in range(2))
     rollout(env, 5, seed=1)
     rollout(reference, 5, seed=1)
-    with pytest.raises(ValueError, match="is not allowed: give four numbers in"):
-        env.step(np.array(bad))
+    with pytest.raises(ValueError, match=r"^action = .* is not allowed: give four numbers in \[0, 1\]\.$"):
+        env.step(bad)
     np.testing.assert_array_equal(env.render(), reference.render())
     assert_bit_equal([env.step(action) for action in actions(9)], [reference.step(action) for action in actions(9)])
 

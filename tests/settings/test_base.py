@@ -1,6 +1,8 @@
 """Settings: every kind of error is one sentence with file, key, value and remedy; files stay as they are."""
 
 import logging
+import os
+import re
 from collections.abc import Iterator
 from copy import deepcopy
 from pathlib import Path
@@ -12,7 +14,7 @@ import yaml
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_validator, model_validator
 
 from affmap import settings
-from affmap.settings import ConfigError, Neutral, Settings, folder
+from affmap.settings import ConfigError, Folder, Neutral, Settings, folder
 
 
 class Wheel(Settings):
@@ -26,6 +28,8 @@ class Cart(Settings):
     wheels: tuple[Wheel, ...]
     doors: Annotated[tuple[str, ...], Field(min_length=1)]
     owner: str
+    garage: Annotated[Folder, Neutral(Path("garage"))]
+    prices: Annotated[dict[str, int], Neutral({})]
 
     @field_validator("owner")
     @classmethod
@@ -79,6 +83,12 @@ def test_a_file_gives_the_values_written_in_it() -> None:
         ({"mass": None}, "mass = None is not allowed: it should be a valid number."),
         ({"gears": 1.5}, "gears = 1.5 is not allowed: it should be a valid integer"),
         ({"color": "green"}, "color = 'green' is not allowed: it should be 'red' or 'blue'."),
+        ({"garage": 1}, "garage = 1 is not allowed: it should be the path of a folder."),
+        ({"garage": None}, "garage = None is not allowed: it should be the path of a folder."),
+        ({"wheels": [3]}, "wheels[0] = 3 is not allowed: it should be a valid dictionary."),
+        ({"wheels": [{"radius": 1, 2: 3}]}, "wheels[0][2]: the key is not text; put quotes around it, or remove it."),
+        ({"prices": {2: 3}}, "prices[2]: the key is not text; put quotes around it, or remove it."),
+        ({"gears": "9" * 5000}, "gears = '999"),
         ({"owner": "nobody"}, "owner = 'nobody' is not allowed: it must be somebody."),
         ({"doors": []}, "doors = [] is not allowed: it should have at least 1 item"),
         ({"wheels": [{"radius": 1}, {"radius": -2}]}, "wheels[1].radius = -2 is not allowed: it should be greater"),
@@ -93,6 +103,7 @@ def test_an_error_is_a_sentence_with_file_key_value_and_remedy(changes: dict[str
     message = complaint(**changes)
     assert message.startswith(f"conf/cart/good.yaml: {sentence}")
     assert "\n" not in message and "pydantic" not in message
+    assert not re.search(r": it (?!should |must )|Input|class|instance", message)
 
 
 def test_each_wrong_value_has_a_sentence_of_its_own() -> None:
@@ -113,6 +124,29 @@ def test_an_unknown_file_lists_what_exists(conf: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         Cart.load("cart", "best")
     assert str(caught.value) == "conf/cart/best.yaml does not exist; conf/cart holds: another, good."
+
+
+def test_what_is_no_regular_file_does_not_exist_and_is_not_listed(conf: Path) -> None:
+    """A folder and a FIFO, which nobody writes."""
+    (conf / "cart" / "folder.yaml").mkdir()
+    os.mkfifo(conf / "cart" / "pipe.yaml")
+    for name in ("folder", "pipe"):
+        with pytest.raises(ConfigError) as caught:
+            Cart.load("cart", name)
+        assert str(caught.value) == f"conf/cart/{name}.yaml does not exist; conf/cart holds: good."
+
+
+def test_a_file_that_would_take_minutes_is_refused_before_it_is_read(conf: Path) -> None:
+    """By its size; one of the size that is allowed is read."""
+    comment = "#" * (10**6 - len(GOOD) - 1) + "\n"
+    (conf / "cart" / "large.yaml").write_text(comment + GOOD)
+    assert Cart.load("cart", "large") == Cart.load("cart", "good")
+    (conf / "cart" / "larger.yaml").write_text(f"#{comment}{GOOD}")
+    with pytest.raises(ConfigError) as caught:
+        Cart.load("cart", "larger")
+    assert str(caught.value) == (
+        "conf/cart/larger.yaml has 1,000,001 bytes; a file of conf may have 1,000,000, so make it shorter."
+    )
 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n", "- 1\n- 2\n", "just words"])

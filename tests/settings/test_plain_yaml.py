@@ -90,3 +90,22 @@ def test_aliases_that_stand_for_little_are_read() -> None:
 def test_values_that_python_stumbles_over_are_told_with_the_file(value: str) -> None:
     """PyYAML lets Python's own errors through."""
     assert told(f"a: {value}\n").startswith("conf/mine.yaml is not plain YAML: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a: 1\nb: [1\nc: 2\n", "line 3: while parsing a flow sequence, expected ',' or ']', but got ':'"),
+        (
+            "a: 1\n\tb: 2\n",
+            "line 2: while scanning for the next token, found character '\\t' that cannot start any token",
+        ),
+        ("a: 1\nb: !mine 3\n", "line 2: could not determine a constructor for the tag '!mine'"),
+        ("a: 1\n---\nb: 2\n", "line 2: expected a single document in the stream, but found another document"),
+        ("a: 1\nb: \0\n", "line 2: the character '\\x00' is not allowed"),
+        ("a: " + "[" * 5000, "it is nested too deeply"),
+    ],
+)
+def test_errors_of_yaml_name_the_file_and_the_line(text: str, reason: str) -> None:
+    """Golden sentences, without the places and names that PyYAML has for a text."""
+    assert told(text) == f"conf/mine.yaml is not plain YAML: {reason}."
