@@ -321,7 +321,7 @@ LINES: dict[str, list[str]] = {
         "title=" + "[" * 2000, "title=" + "[" * 2000 + "]" * 2000, "members=" + "9" * 5000, "\u202etitle=a",
         "title=${nope}", "title=${oc.env:NOPE}", "title=${title}",
         "sweep=[1]", "title=${vehicle.nope}", "model.context_size=${model.context_size}",
-        "members@x=3", "planner@x=cem", "~hydra", "~nope", "planner=null", "planner=3", "store=???", "'",
+        "members@x=3", "~hydra", "planner=null", "planner=3", "store=???", "'",
         "experiment=null", "experiment=a\0b", "model=null", "hydra=null", "hydra.mode=x",
         "hydra.launcher.n_jobs=zero", "hydra.job.chdir=maybe", "hydra.run.dir=${nope}", "hydra.sweep.subdir=${nope}",
         "seed=choice()", "seed=choice(", "seed=range()", "seed=range(a)", "seed=range(0,9,0)", "seed=interval(0,1)",
@@ -330,7 +330,7 @@ LINES: dict[str, list[str]] = {
     ],
     "leave out the +": ["+title=3"],
     "known key": [
-        "key=", "key=1", "model.key=1", "defaults=[]", "planner={a: 1}", "sweep={a: 1.5}",
+        "key=", "key=1", "model.key=1", "planner@x=cem", "~nope", "defaults=[]", "planner={a: 1}", "sweep={a: 1.5}",
     ],
     "may be another value": [
         "seed=${now:%S}", "title=${hydra:nope}", "title=${nope:1}", "title='${now:%S}'", "title=${hydra.job.num}",

@@ -126,7 +126,7 @@ def parse(overrides: Sequence[str]) -> list[Override]:
     for each in parsed:
         if not each.key_or_group:
             raise ConfigError(
-                f"the override {format_value(each.input_line)} has no key; write key=value, such as "
+                f"the override {format_value(each.input_line)} cannot be read: it has no key; write key=value, such as "
                 "model.context_size=3."
             )
     return parsed

@@ -114,7 +114,7 @@ def test_a_file_that_would_take_minutes_is_refused_before_hydra_reads_it(own_con
     assert re.match(r"conf/experiment/mine\.yaml has 1,000,0\d\d bytes; ", told("experiment=mine"))
 
 
-NO_KEY = "has no key; write key=value, such as model.context_size=3."
+NO_KEY = "cannot be read: it has no key; write key=value, such as model.context_size=3."
 
 
 @pytest.mark.parametrize(
