@@ -159,6 +159,7 @@ class Small:
     output: Path
     stages: Sequence[Any]
     edition: str = "new"
+    notice: str | None = None
 
     @property
     def record(self) -> dict[str, Any]:
