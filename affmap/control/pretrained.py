@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter
 
 from affmap.control.agent import Agent, ControlSettings
+from affmap.env.body import Vehicle
 from affmap.env.procedural import first_layout
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
@@ -61,6 +62,7 @@ def load(
         _planner(planner, config["planner"]),
         ControlSettings.model_validate({"device": "cpu", **config["control"]}),
         first.channels,
+        Vehicle.model_validate(config["vehicle"]),
     )
 
 
@@ -87,6 +89,8 @@ class Origin(NamedTuple):
     """Name of the first layout of control."""
     channels: tuple[str, ...]
     """Names of the K channels that its models see."""
+    vehicle: Vehicle
+    """The first vehicle."""
 
 
 def origin(source: str | Path) -> Origin:
@@ -100,8 +104,10 @@ def origin(source: str | Path) -> Origin:
     jobs = record["jobs"]
     there = {job["context_size"] for job in jobs if all(_weights(report, digest).is_file() for digest in job["train"])}
     channels = record["configs"]["data"]["training_layouts"][0]["channels"]
-    planner = provenance.config_of(record, jobs[0]["control"][0])["planner"]["kind"]  # even if another agent flew
-    return Origin(sorted(there), planner, jobs[0]["layout"], tuple(channels))
+    config = provenance.config_of(record, jobs[0]["control"][0])
+    planner = config["planner"]["kind"]  # even if another agent flew
+    vehicle = Vehicle.model_validate(config["vehicle"])
+    return Origin(sorted(there), planner, jobs[0]["layout"], tuple(channels), vehicle)
 
 
 def _weights(report: Path, digest: str) -> Path:
