@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 Update = Callable[..., None]
-"""Called with the number of finished parts and, perhaps, a note on the last of them."""
+"""Called with the number of finished parts and, perhaps, a remark on the last of them."""
 
 PLAIN_LINES = 5
 """Lines where no line can renew itself, such as in a file."""
@@ -26,9 +26,9 @@ def reported(description: str, total: int, unit: str, plain: bool = True) -> Ite
         return
     width = 0
 
-    def update(finished: int, note: str = "") -> None:
+    def update(finished: int, remark: str = "") -> None:
         nonlocal width
-        line = _line(description, finished, total, unit, note)[: shutil.get_terminal_size().columns - 1]
+        line = _line(description, finished, total, unit, remark)[: shutil.get_terminal_size().columns - 1]
         print(f"\r{line:{width}}", end="", file=stream, flush=True)
         width = len(line)
 
@@ -39,7 +39,7 @@ def reported(description: str, total: int, unit: str, plain: bool = True) -> Ite
         print(file=stream)
 
 
-def ignored(finished: int, note: str = "") -> None:
+def ignored(finished: int, remark: str = "") -> None:
     """Show nothing."""
 
 
@@ -50,12 +50,12 @@ def silent(description: str, total: int, unit: str, plain: bool = True) -> Itera
 
 
 def _lines(description: str, total: int, unit: str) -> Update:
-    def update(finished: int, note: str = "") -> None:
+    def update(finished: int, remark: str = "") -> None:
         if finished == total or finished * PLAIN_LINES // total > (finished - 1) * PLAIN_LINES // total:
-            print(_line(description, finished, total, unit, note), file=sys.stderr, flush=True)
+            print(_line(description, finished, total, unit, remark), file=sys.stderr, flush=True)
 
     return update
 
 
-def _line(description: str, finished: int, total: int, unit: str, note: str) -> str:
-    return ", ".join(filter(None, [f"{description}: {finished} of {total} {unit}", note]))
+def _line(description: str, finished: int, total: int, unit: str, remark: str) -> str:
+    return ", ".join(filter(None, [f"{description}: {finished} of {total} {unit}", remark]))
