@@ -60,7 +60,7 @@ class _Epochs(Checkpoint):
         keep(self._checkpoints, trainer.save_checkpoint)
         if self._board:
             self._board.show(pl_module, epoch)
-        self._on_epoch(epoch, pl_module.validation_nll[epoch - 1].median().item())
+        self._on_epoch(epoch, pl_module.validation_nll[epoch - 1].quantile(0.5).item())
 
 
 def keep(checkpoints: Path, save: Callable[[Path], None]) -> None:
