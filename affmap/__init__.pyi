@@ -12,6 +12,7 @@ from .model.lookup import ExactLookup as ExactLookup
 from .model.rollout import rollout as rollout
 from .model.stack import Stack as Stack
 from .model.transition import TransitionModel as TransitionModel
+from .pipeline.agents import train as train
 from .planning.cem import CEMPlanner as CEMPlanner
 from .planning.gradient import GradientPlanner as GradientPlanner
 from .planning.objective import expected_free_energy as expected_free_energy
