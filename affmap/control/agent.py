@@ -5,6 +5,7 @@ stack, a look-up and a planner; it knows no environment.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
@@ -71,6 +72,20 @@ class Agent(PlanningAgent):
         """Copy of the agent for another world, or for B others (member-major)."""
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the agent into a folder, from where `affmap.load` makes an agent that flies the same runs.
+
+        The folder holds weights, settings, vehicle and the visible part of its world. An agent that was saved there
+        earlier is replaced, and nothing else is: any other file stays, and is an error.
+
+        Raises:
+            ConfigError: the folder cannot be used, or holds something else; or a part of the agent cannot be saved,
+                because no settings describe it.
+        """
+        from affmap.control.saved import save
+
+        save(self, folder)
 
     def initial_carry(self, num_problems: int) -> Carry:
         """Hidden state of the transition models where flights of B problems begin."""
