@@ -1,5 +1,6 @@
 from .control.agent import Agent as Agent
 from .control.episodes import fly as fly
+from .control.evaluation import evaluate as evaluate
 from .control.pilot import Pilot as Pilot
 from .control.pretrained import load as load
 from .env.body import Vehicle as Vehicle

@@ -1,7 +1,7 @@
 """Arguments of flights that are started from Python: checked, and their defaults by the agent."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,9 +12,11 @@ from affmap.control.controller import Controller
 from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import Oracle
 from affmap.control.settings import ControlSettings
-from affmap.env.body import Vehicle, load
+from affmap.env.body import Vehicle
+from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural
+from affmap.env.procedural import load as load_layout
 from affmap.settings import ConfigError
 from affmap.settings.messages import format_value
 
@@ -23,6 +25,16 @@ AnyLayout: TypeAlias = Layout | Procedural | Mapping[str, Any] | str
 
 AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
 """Physical constants; or their keys and values; or the name of their file in `conf/vehicle`."""
+
+
+def layouts(given: AnyLayout | Sequence[AnyLayout]) -> list[Layout | Procedural]:
+    """One or several layouts, or rules for them.
+
+    Raises:
+        ConfigError: there is no such file, or a value is not allowed.
+    """
+    every = given if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+    return [load_layout(layout) for layout in every]
 
 
 def settings(controller: Controller, runs: int | None, steps: int | None) -> ControlSettings:
@@ -48,8 +60,8 @@ def vehicle(controller: Controller, given: AnyVehicle | None = None) -> Vehicle:
     """
     own = controller.vehicle if isinstance(controller, Agent | Oracle) else None
     if given is None:
-        return own or load("default")
-    flown = load(given)
+        return own or load_vehicle("default")
+    flown = load_vehicle(given)
     if own and flown != own:
         differences = [
             f"{key} = {value} instead of {getattr(own, key)}" for key, value in flown if value != getattr(own, key)

@@ -9,12 +9,12 @@ from affmap.config import memory
 from affmap.config.compose import compose
 from affmap.config.compose import values as plain_values
 from affmap.config.root import Config
+from affmap.control import arguments
 from affmap.control.agent import Agent
 from affmap.control.arguments import AnyLayout, AnyVehicle
 from affmap.control.pretrained import reference
 from affmap.data.settings import Exploration
 from affmap.env.layout import Layout
-from affmap.env.procedural import load
 from affmap.model.lookup import make_lookup
 from affmap.model.registry import TransitionSettings
 from affmap.pipeline.execution import models
@@ -148,15 +148,14 @@ def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, data:
     """
     if isinstance(worlds, bool) or not isinstance(worlds, int) or worlds < 1:
         raise ConfigError(f"worlds = {format_value(worlds)} is not allowed; give a whole number, 1 or more.")
-    if layouts is None or layouts in ([], ()):
-        raise ConfigError("train needs layouts to explore, as in affmap.train('original'), or a dataset.")
-    given = layouts if isinstance(layouts, Sequence) and not isinstance(layouts, str) else [layouts]
     every: list[Layout] = []
-    for layout in map(load, given):
+    for layout in arguments.layouts(layouts if layouts is not None else []):
         if isinstance(layout, Layout):
             every.append(layout)
         else:
             every += [layout.draw(generator(data.seed, "training world", world)) for world in range(worlds)]
+    if not every:
+        raise ConfigError("train needs layouts to explore, as in affmap.train('original'), or a dataset.")
     return every
 
 
