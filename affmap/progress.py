@@ -13,17 +13,19 @@ PLAIN_LINES = 5
 
 
 @contextmanager
-def reported(description: str, total: int, unit: str, plain: bool = True) -> Iterator[Update]:
+def reported(description: str, total: int, unit: str, on_terminal_only: bool = False) -> Iterator[Update]:
     """Report progress while the block runs; yields a function to call with the number of finished `unit`s of `total`.
 
-    A terminal and a notebook have one line that renews itself. Elsewhere there are few lines or, without `plain`, none.
+    A terminal and a notebook have one line that renews itself; elsewhere there are few lines.
     """
-    stream, is_notebook = sys.stderr, type(sys.stdout).__module__.startswith("ipykernel")
-    if is_notebook:
-        stream = sys.stdout  # a notebook paints errors red
-    if not (stream and (is_notebook or stream.isatty())):
-        yield _lines(description, total, unit) if plain and stream else ignored
+    is_terminal, is_notebook = bool(sys.stderr and sys.stderr.isatty()), _is_notebook()
+    if not sys.stderr or (on_terminal_only and not is_terminal):
+        yield ignored
         return
+    if not (is_terminal or is_notebook):
+        yield _lines(description, total, unit)
+        return
+    stream = sys.stdout if is_notebook else sys.stderr  # a notebook paints errors red
     width = 0
 
     def update(finished: int, remark: str = "") -> None:
@@ -44,9 +46,13 @@ def ignored(finished: int, remark: str = "") -> None:
 
 
 @contextmanager
-def silent(description: str, total: int, unit: str, plain: bool = True) -> Iterator[Update]:
+def silent(description: str, total: int, unit: str, on_terminal_only: bool = False) -> Iterator[Update]:
     """Report nothing; as `reported`."""
     yield ignored
+
+
+def _is_notebook() -> bool:
+    return type(sys.stdout).__module__.startswith("ipykernel")
 
 
 def _lines(description: str, total: int, unit: str) -> Update:

@@ -70,6 +70,10 @@ def test_flights_are_shown_on_a_terminal_only(
     agent = affmap.load("exp1", context_size=0)
     affmap.fly(agent, "original", steps=2)
     assert capsys.readouterr() == ("", "")
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", notebook := Notebook())
+        affmap.fly(agent, "original", steps=2)
+    assert notebook.getvalue() == ""
     monkeypatch.setattr(sys, "stderr", terminal := Terminal())
     affmap.fly(agent, "original", steps=2)
     assert terminal.getvalue().endswith("\rflight in original: 2 of 2 steps\n")

@@ -143,7 +143,10 @@ def fly(
     settings = arguments.settings(controller, arguments.num_runs(runs, starts, goals), steps)
     shape = len(seeds), settings.runs_per_member
     show = reported if progress else silent
-    with limited(threads), show(f"flight in {first.name}", settings.num_steps, "steps", plain=False) as update:
+    with (
+        limited(threads),
+        show(f"flight in {first.name}", settings.num_steps, "steps", on_terminal_only=True) as update,
+    ):
         return control(
             bring(controller, first),
             [first],

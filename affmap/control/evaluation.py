@@ -77,7 +77,7 @@ def evaluate(
             for place in places:
                 worlds = _worlds(place, agent, settings.runs_per_member, arguments.seed(seed))
                 show = reported if progress else silent
-                with show(f"{name} in {place.name}", settings.num_steps, "steps", plain=False) as update:
+                with show(f"{name} in {place.name}", settings.num_steps, "steps", on_terminal_only=True) as update:
                     controller = bring(agent, *worlds)
                     flown = control(controller, worlds, physics, settings, seeds_of(agent), update, seed=seed)
                 tables.append(_table(name, agent, place.name, Trajectories(**flown.trajectories)))
