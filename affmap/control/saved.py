@@ -56,7 +56,7 @@ def save(agent: Agent, folder: str | Path) -> None:
         save_weights(copy(agent.stack), new / WEIGHTS)
         files = {WEIGHTS: sha256(new / WEIGHTS)}
         write_json(new / AGENT, with_checksum({"agent": record.plain, "versions": versions(), "files": files}))
-        _check_transition(agent.stack, load(new).stack)
+        _check_transition(agent.stack, _read(new)[1])
         replace_folder(new, place)
     finally:
         shutil.rmtree(new, ignore_errors=True)
@@ -75,6 +75,17 @@ def load(folder: Path, members: Sequence[int] | None = None) -> Agent:
         ConfigError: it has no such member; or this version of affmap, or this machine, cannot read it: it may have a
             planner of another package.
     """
+    record, stack = _read(folder)
+    if members is not None:
+        if not members or not {*members} <= {*stack.seeds}:
+            raise ConfigError(f"members = {[*members]} is not allowed: {folder} has {[*stack.seeds]}.")
+        stack = stack.select([stack.seeds.index(member) for member in members])
+    lookup = make_lookup(record.lookup, stack, [record.world])
+    return Agent(stack, lookup, record.planner, record.control, record.channels, record.vehicle)
+
+
+def _read(folder: Path) -> tuple[_Record, Stack]:
+    """The two files of a folder; see `load`."""
     path = folder / AGENT
     try:
         content = read_json(path)
@@ -87,13 +98,7 @@ def load(folder: Path, members: Sequence[int] | None = None) -> Agent:
     with guarded_read(path):
         values = content["agent"]
         record = _Record.checked({**values, "control": {"device": "cpu", **values["control"]}}, str(path))
-        if members is not None and not (members and {*members} <= {*record.seeds}):
-            raise ConfigError(f"members = {[*members]} is not allowed: {folder} has {[*record.seeds]}.")
-        stack = restore(Stack(record.model, record.num_channels, record.seeds), folder / WEIGHTS)
-        if members is not None:
-            stack = stack.select([record.seeds.index(member) for member in members])
-        lookup = make_lookup(record.lookup, stack, [record.world])
-    return Agent(stack, lookup, record.planner, record.control, record.channels, record.vehicle)
+        return record, restore(Stack(record.model, record.num_channels, record.seeds), folder / WEIGHTS)
 
 
 def _record(agent: Agent) -> _Record:
