@@ -1,9 +1,12 @@
 """Agents trained by one call in Python, with the stages of a sweep: exploration, training, and an agent that flies."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
+
+from numpy.typing import ArrayLike
 
 from affmap.config import memory
 from affmap.config.compose import compose
@@ -13,22 +16,23 @@ from affmap.control import arguments
 from affmap.control.agent import Agent
 from affmap.control.arguments import AnyLayout, AnyVehicle
 from affmap.control.pretrained import reference
-from affmap.data.settings import Exploration
+from affmap.data.collect import write_dataset
 from affmap.env.layout import Layout
 from affmap.model.lookup import make_lookup
 from affmap.model.registry import TransitionSettings
-from affmap.pipeline.execution import models
-from affmap.pipeline.job import check_trials
+from affmap.pipeline import datasets
+from affmap.pipeline.datasets import Arrays
+from affmap.pipeline.execution import check_devices, models
+from affmap.pipeline.job import check_trials, open_store
 from affmap.pipeline.progress import displayed
 from affmap.pipeline.stage import DATA, TRAIN
-from affmap.pipeline.train import trained
+from affmap.pipeline.train import make_models, trained
 from affmap.progress import reported, silent
 from affmap.random import generator
 from affmap.settings import ConfigError, Settings, check_folder, lies_in, read
 from affmap.settings.messages import format_value
-from affmap.store.provenance import PROVENANCE
+from affmap.store.attempt import Attempt
 from affmap.store.stage import check
-from affmap.store.stage import read as read_record
 from affmap.threads import limited
 
 Changes: TypeAlias = Mapping[str, Any] | Settings | str
@@ -44,7 +48,7 @@ def train(
     seed: int = 0,
     transition: TransitionSettings | Changes | None = None,
     vehicle: AnyVehicle | None = None,
-    dataset: str | Path | None = None,
+    dataset: str | Path | Mapping[str, ArrayLike] | None = None,
     worlds: int = 1,
     data: Changes | None = None,
     model: Changes | None = None,
@@ -70,8 +74,9 @@ def train(
         seed: of the first member; member m has seed + m.
         transition: the kind of transition model, such as `gru`; or its settings.
         vehicle: the physics, which the agent remembers.
-        dataset: in place of layouts and vehicle, a data set that a sweep or another call has collected: the folder
-            `data/<digest>` of its store.
+        dataset: a data set that is there already. Either that of a sweep or another call: the folder `data/<digest>` of
+            its store, which knows its layouts and its vehicle. Or arrays as `affmap.data.collect.collect` returns them,
+            that were collected in `layouts` in any manner.
         worlds: drawn from each of the rules among `layouts`. They are none that `affmap.fly` or `affmap.evaluate`
             draws.
         data: changes of the exploration, such as `{"num_sequences": 50}`; see `affmap.data.settings.Exploration`.
@@ -92,27 +97,54 @@ def train(
         StoreError: a file in `folder` is corrupted, or was made with other versions of packages.
     """
     values = plain_values(compose([])) | {"seed": seed, "threads": threads}
+    transition_values = values["model"]["transition"]
     groups = {"data": data, "model": model, "training": training, "lookup": lookup, "planner": planner}
     for group, changes in {**groups, "control": control, "vehicle": vehicle}.items():
         values[group] = _change(group, values[group], changes)
-    values["model"]["transition"] = _change("model/transition", values["model"]["transition"], transition)
+    of_model = values["model"].get("transition", transition_values)
+    values["model"] |= {"transition": _change("model/transition", of_model, transition)}
     values["model"] |= _given(context_size=context_size)
     values["training"] |= _given(num_epochs=epochs)
     values |= _given(members=members)
-    if dataset is None:
-        values["training_layouts"] = _layouts(layouts, worlds, Exploration.checked(values["data"], "train: data"))
-    elif layouts is None and vehicle is None and data is None:
-        values |= _origin(Path(dataset))
+    existing: Path | Arrays | None = None
+    if isinstance(dataset, str | Path):
+        if not (layouts is None and vehicle is None and data is None):
+            raise ConfigError("dataset has layouts, vehicle and settings of its own; leave layouts, vehicle, data out.")
+        existing = Path(dataset)
+        values |= datasets.origin(existing)
     else:
-        raise ConfigError("dataset has layouts, a vehicle and settings of data of its own; leave those arguments out.")
+        explored = _layouts(layouts, worlds, values["data"].get("seed", 0))
+        values["training_layouts"] = explored
+        if dataset is not None:
+            existing = datasets.own(dataset, explored)
+            num_sequences, num_steps, _ = existing["action"].shape
+            values["data"] |= {"num_sequences": num_sequences // len(explored), "num_steps": num_steps}
     with TemporaryDirectory() as temporary, limited(threads), displayed(reported if progress else silent):
         config = _config(values, Path(temporary, "store") if folder is None else Path(folder))
-        if dataset is not None:
-            check(Path(dataset), DATA.of(config))
-        _, weights = models(config, (TRAIN,), Path(dataset) if dataset is not None else None)
-        stack = trained(config, weights)
+        stack = trained(config, _train(config, existing, Path(temporary)))
         map_of_first = make_lookup(config.lookup, stack, [config.training_layouts[0].map])
         return Agent(stack, map_of_first, config.planner, config.control, config.channels, config.vehicle)
+
+
+def _train(config: Config, dataset: Path | Arrays | None, temporary: Path) -> Path:
+    """Complete the training, on a data set that is there or will be; returns the folder of its stage.
+
+    Raises:
+        StoreError: a file of a stage is corrupted.
+    """
+    if not isinstance(dataset, dict):
+        if dataset:
+            check(dataset, DATA.of(config))
+        return models(config, (TRAIN,), dataset)[1]
+    stage = TRAIN.of(config)
+    write_dataset(temporary, dataset)
+
+    def build(attempt: Attempt) -> None:
+        check_devices(config, [TRAIN])
+        make_models(config, temporary, attempt)
+
+    own = replace(stage, config={**stage.config, "dataset": datasets.digest(dataset)})
+    return open_store(config).ensure(own, build)
 
 
 def _change(group: str, values: dict[str, Any], changes: Any) -> dict[str, Any]:
@@ -123,12 +155,13 @@ def _change(group: str, values: dict[str, Any], changes: Any) -> dict[str, Any]:
     """
     if changes is None:
         return values
+    values = dict(values)
     if isinstance(changes, str):
         return dict(read(group, changes))
     if not isinstance(changes, Mapping | Settings):
         raise ConfigError(
             f"{group} = {format_value(changes)} is not allowed: give some of its keys and values, such as "
-            f"{format_value(dict(list(values.items())[:1]))}, its settings, or the name of a file in conf/{group}."
+            f"{format_value(dict([*values.items()][:1]))}, its settings, or the name of a file in conf/{group}."
         )
     new = dict(changes)
     same_kind = new.get("kind", values.get("kind")) == values.get("kind")
@@ -140,7 +173,7 @@ def _given(**values: Any) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, data: Exploration) -> list[Layout]:
+def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, seed: int) -> list[Layout]:
     """The layouts that data are collected in; of rules, so many worlds of their own.
 
     Raises:
@@ -153,26 +186,10 @@ def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, data:
         if isinstance(layout, Layout):
             every.append(layout)
         else:
-            every += [layout.draw(generator(data.seed, "training world", world)) for world in range(worlds)]
+            every += [layout.draw(generator(arguments.seed(seed), "training world", world)) for world in range(worlds)]
     if not every:
         raise ConfigError("train needs layouts to explore, as in affmap.train('original'), or a dataset.")
     return every
-
-
-def _origin(folder: Path) -> dict[str, Any]:
-    """Layouts, vehicle and settings of exploration of a data set.
-
-    Raises:
-        ConfigError: there is no data set.
-        StoreError: a file of it is corrupted.
-    """
-    record = read_record(folder) if (folder / PROVENANCE).is_file() else {}
-    if record.get("stage") != DATA.name:
-        raise ConfigError(
-            f"dataset = {format_value(str(folder))} is no data set; give the folder data/<digest> of a store, such as "
-            "runs/store."
-        )
-    return dict(record["config"])
 
 
 def _config(values: Mapping[str, Any], store: Path) -> Config:

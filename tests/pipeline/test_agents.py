@@ -16,6 +16,7 @@ import affmap
 from affmap import pipeline
 from affmap.config.root import Config
 from affmap.control.agent import Agent
+from affmap.data.collect import DATASET, read_dataset
 from affmap.env.procedural import Procedural
 from affmap.pipeline import agents, execution
 from affmap.pipeline.stage import DATA, TRAIN
@@ -130,6 +131,51 @@ def test_another_training_on_the_same_data_set(swept: tuple[Path, Setting], tmp_
         affmap.train(dataset=dataset, **rest)
 
 
+def test_arrays_of_one_s_own_are_trained_on(swept: tuple[Path, Setting], tmp_path: Path) -> None:
+    """The arrays of the sweep's data set, without those that training does not read: the same weights, by a stage of
+    another name; other arrays make another."""
+    arrays = read_dataset(swept[1].data[0] / DATASET)
+    own = {key: arrays[key].tolist() for key in ("position", "view", "action")}
+    options = {**SETTINGS, "data": {"num_validation": 1}, "folder": tmp_path}
+    agent = affmap.train("original", dataset=own, **options)
+    assert same(agent, affmap.train("original", **SETTINGS, folder=swept[0] / "store"))
+    assert [path.name for path in tmp_path.iterdir()] == ["train"]
+    (folder,) = (tmp_path / "train").iterdir()
+    assert folder.name != swept[1].train[0].name
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    affmap.train("original", dataset=own, **options)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
+    other = affmap.train("original", dataset={**own, "action": 1 - arrays["action"]}, **options)
+    assert not same(agent, other) and len(list((tmp_path / "train").iterdir())) == 2
+
+
+ARRAYS = {"position": np.zeros((4, 6, 2)), "view": np.zeros((4, 5, 1, 11, 11)), "action": np.zeros((4, 5, 4))}
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"action": None}, r"^dataset has no action; give position, view, action, as in affmap\.data\.collect\.$"),
+        ({"position": np.zeros((4, 5, 2))}, r"position has the shape \[4, 5, 2\]; it should be \[4, 6, 2\]\.$"),
+        ({"view": np.zeros((4, 5, 2, 11, 11))}, r"view has the shape .* it should be \[4, 5, 1, 11, 11\]\.$"),
+        ({"action": 0}, r"action has the shape \[\]|position has the shape"),
+        ({"action": [[1], [1, 2]]}, r"^dataset holds no numbers"),
+        ({"action": np.full((4, 5, 4), 2.0)}, r"^dataset: positions should be finite, and actions in \[0, 1\]\.$"),
+        ({"position": np.full((4, 6, 2), np.nan)}, r"^dataset: positions should be finite"),
+        (
+            {key: array[:3] for key, array in ARRAYS.items()},
+            r"3 sequences of 5 steps in 2 layouts; give each .* as many",
+        ),
+    ],
+)
+def test_arrays_that_are_no_data_set_are_told(change: dict[str, Any], told: str) -> None:
+    given = {key: array for key, array in {**ARRAYS, **change}.items() if array is not None}
+    with pytest.raises(ConfigError, match=told):
+        affmap.train(["original", "two_obstacles"], dataset=given)
+    with pytest.raises(ConfigError, match=r"num_validation = 40 leaves nothing to train on"):
+        affmap.train(["original", "two_obstacles"], dataset=ARRAYS)
+
+
 class AskedError(Exception):
     """Carries the configuration of a call that trains nothing."""
 
@@ -188,7 +234,8 @@ def test_groups_may_be_named_or_given_as_settings(configured: Callable[..., Conf
     """A planner of another kind has none of the first one's keys; devices are no part of a digest, but count."""
     planner = affmap.GradientPlanner.load("planner", "gradient", horizon=7)
     control = affmap.control.ControlSettings.load("control", "default", beta=3.0, device="cuda")
-    config = configured("original", planner=planner, control=control, lookup="exact")
+    config = configured("original", planner=planner, control=control, lookup="exact", model="default", transition="gru")
+    assert config.model.transition.kind == "gru"
     assert (config.planner, config.control, config.lookup.spacing) == (planner, control, 0)
     assert configured("original", planner="gradient").planner.kind == "gradient"
     assert configured("original", planner={**planner.plain}).planner == planner
@@ -227,7 +274,10 @@ def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config
         ({"folder": __file__}, r"^folder = '.*test_agents\.py' is a file; give another folder\.$"),
         ({"folder": agents.reference() / "store"}, r"is of the reference run; give a folder of your own\.$"),
         ({"layouts": None, "dataset": "mars"}, r"^dataset = 'mars' is no data set; give the folder data/<digest>"),
-        ({"dataset": "mars"}, r"^dataset has layouts, a vehicle and settings of data of its own"),
+        (
+            {"dataset": "mars"},
+            r"^dataset has layouts, vehicle and settings of its own; leave layouts, vehicle, data out\.$",
+        ),
         ({"members": 10**6, "model": {"hidden_size": 10**6}}, r"^train: members = 1000000, .* GiB of memory"),
     ],
 )
