@@ -8,12 +8,14 @@ import pytest
 from commands import jobs
 
 import affmap
-from affmap import pipeline
 from affmap.control.agent import Agent
 from affmap.control.oracle import HalfOracle
 from affmap.control.random import RandomAgent
+from affmap.pipeline.control import make_runs
+from affmap.pipeline.stage import TRAIN
 from affmap.results import files, metrics
 from affmap.settings import ConfigError
+from affmap.store.attempt import Attempt
 
 RANDOM = RandomAgent(kind="random")
 LAYOUTS = ["original", affmap.Layout.load("layout", "two_obstacles")]
@@ -60,10 +62,7 @@ def test_one_agent_and_one_layout_need_no_names(agents: dict[str, Agent]) -> Non
 
 
 def test_random_worlds_are_those_of_a_sweep(tmp_path: Path) -> None:
-    """Every run of every member in a world of its own: all that the stage of control has written of them."""
-    settings = ["world=four_properties", "control_layout=procedural_easy", "control.runs_per_member=3"]
-    (config,) = jobs(tmp_path, *settings, "model.context_size=1")
-    (folder,) = pipeline.run(config).control
+    """Every run of every member in a world of its own: all that the stage of control writes of them."""
     tiny = {"num_sequences": 4, "num_validation": 1, "num_steps": 20}
     agent = affmap.train(
         "four_properties",
@@ -76,10 +75,14 @@ def test_random_worlds_are_those_of_a_sweep(tmp_path: Path) -> None:
         folder=tmp_path / "store",
         progress=False,
     )
+    settings = ["world=four_properties", "control_layout=procedural_easy", "control.runs_per_member=3"]
+    (config,) = jobs(tmp_path, *settings, "model.context_size=1")
+    attempt = Attempt.begin(tmp_path / "control")
+    make_runs(config, tmp_path / "store" / "train" / TRAIN.of(config).digest, attempt)
     rules = affmap.Procedural.load("layout", "procedural_easy")
     table = affmap.evaluate(agent, rules, runs=3, steps=3)
     same = [*metrics.PLACES, *metrics.stored_metrics()]
-    written = files.read_runs(folder, same)[same].astype(table[same].dtypes)
+    written = files.read_runs(attempt.folder, same)[same].astype(table[same].dtypes)
     pd.testing.assert_frame_equal(table[same], written, atol=1e-5)
     other = affmap.evaluate(agent, rules, runs=3, steps=3, seed=1)
     assert (other["goal_x"] != table["goal_x"]).all() and len(other) == 6
