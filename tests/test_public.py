@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import page_trend_test, wilcoxon
@@ -409,6 +410,37 @@ def test_what_is_said_about_fresh_members_is_in_their_tables() -> None:
     reference = pd.read_csv(ROOT / "runs/reference/paper/tables/claims.csv")
     open_ones = reference[reference["verdict"] != "holds"]["claim"].unique()
     assert list(open_ones) == ["I-5", "III-1", "III-2", "V-2"] and reference["claim"].nunique() == 23
+
+
+def test_what_is_said_about_corrected_p_values_is_in_the_table() -> None:
+    """README: claims that hold still do. The p of a claim is the largest of its parts that count."""
+    table = pd.read_csv(ROOT / "runs/reference/paper/tables/claims.csv")
+    counting = table[~table["part"].fillna("").str.endswith("learned")].groupby("claim", sort=False)
+    p = counting["p"].agg(lambda values: values.max(skipna=False)).dropna().sort_values()
+    by_hand = (p * np.arange(len(p), 0, -1)).cummax().clip(upper=1)
+    verdicts = table.groupby("claim")["verdict"].first()[by_hand.index]
+    assert set(by_hand[by_hand < 0.05].index) == set(verdicts[verdicts == "holds"].index)
+    assert f"for the {len(p)} claims that have a p value, the same claims hold" in page("README.md")
+    column = table.groupby("claim")["p_holm"].agg(["first", "nunique"])
+    assert column["first"].dropna().sort_index().to_numpy() == pytest.approx(by_hand.sort_index().to_numpy())
+    assert column["nunique"].max() == 1
+
+
+def test_what_is_said_about_narrow_and_wide_verdicts_is_in_the_tables() -> None:
+    """The first page of the whole report: III-2's two intervals, and V-1 without the size that it rests on."""
+    first, readme = page("affmap/experiments/paper/paper.md"), page("README.md")
+    ends = [
+        pd.read_csv(ROOT / f"runs/reference/{place}/tables/claims.csv").set_index(["claim", "part"]).loc[("III-2", "a")]
+        for place in ("exp3", "replication/exp3")
+    ]
+    said = f"With the 25 members it ends at {ends[0]['high']:.4f}, with the fresh ones at {ends[1]['high']:.4f}."
+    assert said in first and f"III-2 by {ends[1]['high']:.4f} against 0.1." in readme
+    losses = pd.read_csv(ROOT / "runs/reference/exp5/tables/validation.csv")
+    last = losses[losses["epoch"] == losses["epoch"].max()]
+    matrix = last.pivot(index="member", columns="context_size", values="validation_nll").drop(columns=0)
+    assert page_trend_test(-matrix).pvalue < 0.001
+    fall = (matrix[1] - matrix[32]).median()
+    assert f"the loss falls by {fall:.2f} nats from one unit to 32." in first
 
 
 def test_the_two_other_pairs_of_obstacles_decide_claim_ii_3_otherwise() -> None:
