@@ -104,6 +104,9 @@ class Settings(BaseModel):
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # whatever is read does not pass through it
 
+    def __str__(self) -> str:
+        return repr(self)  # pydantic's lacks the class
+
     @classmethod
     def _defaults(cls) -> dict[str, Any]:
         """Values of missing keys in a call: those of the class's file, and neutral ones."""

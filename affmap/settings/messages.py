@@ -40,6 +40,11 @@ def shorten(text: str, length: int) -> str:
     return f"{text[: length - 15]} ... {text[-10:]}"
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, which takes an s unless it is one."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def one_line(text: str, length: int = 600) -> str:
     """A text on one line, without characters that cannot be printed, and not longer than `length`."""
     return shorten(printable(" ".join(text.split())), length)
