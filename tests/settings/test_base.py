@@ -339,10 +339,10 @@ def test_a_signature_has_keys_types_and_defaults() -> None:
     assert str(inspect.signature(Wheel)) == "(*, radius: float)"
     assert str(inspect.signature(Car)) == (
         "(*, mass: float = 1.5, gears: int = 3, color: Literal['red', 'blue'] = 'red', "
-        "wheels: tuple[test_base.Wheel, ...] = [{'radius': 0.1}, {'radius': 0.2}], "
+        f"wheels: tuple[{__name__}.Wheel, ...] = [{{'radius': 0.1}}, {{'radius': 0.2}}], "
         "doors: tuple[str, ...] = ['left'], owner: str = 'ada', "
-        "garage: pathlib.Path = PosixPath('garage'), prices: dict[str, int] = {}, "
-        "engine: Literal['petrol', 'electric'] = 'petrol')".replace("test_base", __name__)
+        f"garage: {Path.__module__}.Path = PosixPath('garage'), prices: dict[str, int] = {{}}, "
+        "engine: Literal['petrol', 'electric'] = 'petrol')"
     )
 
 
