@@ -1,7 +1,16 @@
+from . import control as control
+from . import data as data
+from . import env as env
+from . import model as model
+from . import planning as planning
+from . import settings as settings
+from . import training as training
 from .control.agent import Agent as Agent
 from .control.episodes import fly as fly
 from .control.pilot import Pilot as Pilot
 from .control.pretrained import load as load
+from .control.settings import ControlSettings as ControlSettings
+from .data.settings import Exploration as Exploration
 from .env.body import Vehicle as Vehicle
 from .env.layout import Circle as Circle
 from .env.layout import Layout as Layout
@@ -10,8 +19,14 @@ from .env.vehicle import VehicleEnv as VehicleEnv
 from .model.lookup import AffordanceMap as AffordanceMap
 from .model.lookup import ExactLookup as ExactLookup
 from .model.rollout import rollout as rollout
+from .model.settings import LookupSettings as LookupSettings
+from .model.settings import ModelSettings as ModelSettings
 from .model.stack import Stack as Stack
 from .model.transition import TransitionModel as TransitionModel
 from .planning.cem import CEMPlanner as CEMPlanner
 from .planning.gradient import GradientPlanner as GradientPlanner
 from .planning.objective import expected_free_energy as expected_free_energy
+from .settings.messages import ConfigError as ConfigError
+from .training.settings import TrainingSettings as TrainingSettings
+
+__version__: str

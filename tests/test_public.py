@@ -1,5 +1,6 @@
 """What a user meets first: the names of the package, and the README and pages against the files that they quote."""
 
+import inspect
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from scipy.stats import page_trend_test, wilcoxon
 
 import affmap
 import affmap.env
+from affmap.control import HalfOracle, Oracle
 from affmap.env.procedural import Procedural, load
 from affmap.random import generator
 
@@ -53,14 +55,65 @@ def test_an_import_brings_what_is_used_and_nothing_else(code: str, loaded: set[s
 
 @pytest.mark.parametrize("package", [affmap, affmap.env])
 def test_public_names_are_those_listed_and_can_be_discovered(package: ModuleType) -> None:
-    """What type checkers read (`__all__`), what is there on first use, and what `dir` shows."""
-    assert sorted(package.__all__) == package.__all__
-    assert set(package.__all__) <= set(dir(package))
+    """What type checkers read (`__all__`), what is there on first use, and what `dir` shows, also after imports."""
+    assert sorted(package.__all__) == package.__all__ == dir(package)
     for name in package.__all__:
-        assert getattr(package, name).__name__ == name
+        assert getattr(package, name).__name__.rpartition(".")[2] == name
+    assert package.__all__ == dir(package)
     everything: dict[str, object] = {}
     exec(f"from {package.__name__} import *", everything)
     assert set(package.__all__) <= set(everything)
+
+
+def test_the_version_is_that_of_the_project() -> None:
+    """The installed package's metadata, and the file that it was installed from."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert affmap.__version__ == project["version"]
+
+
+@pytest.mark.parametrize("name", [name for name in affmap.__all__ if name[0].isupper()])
+def test_help_says_what_a_class_is_for_and_how_it_is_made(name: str) -> None:
+    """A sentence and, unless it is made by its subclasses, a signature whose arguments have names."""
+    kind = getattr(affmap, name)
+    assert re.match(r"[A-Z`].*\.(\n|$)", (inspect.getdoc(kind) or "").partition("\n\n")[0], re.DOTALL)
+    if "__init__" in vars(kind) or issubclass(kind, affmap.settings.Settings):
+        parameters = inspect.signature(kind).parameters.values()
+        assert parameters and not any(each.kind is each.VAR_KEYWORD for each in parameters)
+
+
+def test_objects_introduce_themselves_in_a_line() -> None:
+    """Golden texts of a session of toy size."""
+    world = affmap.Layout.load("layout", "four_properties")
+    empty = affmap.Layout.load("layout", "original", circles=[])
+    stack = affmap.Stack(affmap.ModelSettings(context_size=3), 4, (0, 1))
+    lookup = affmap.AffordanceMap.paint(stack, [world.map], 0.5)
+    planner, settings = affmap.CEMPlanner(horizon=2, num_iterations=1), affmap.ControlSettings(num_steps=1)
+    agent = affmap.Agent(stack, lookup, planner, settings, world.channels)
+    oracle = Oracle([world], affmap.Vehicle(), planner, settings)
+    half = HalfOracle(agent, [world], affmap.Vehicle(), true_mean=True)
+    runs = affmap.fly(agent, world)
+    said = {
+        world: "Layout('four_properties', 3 x 2 u, circles: 1 obstacle, 1 fog, 1 force_down, 1 force_up)",
+        empty: "Layout('original', 3 x 2 u, circles: none)",
+        load("procedural_hard"): "Procedural('procedural_hard', 3 x 2 u, circles: 6 to 10 in all of obstacle, fog, "
+        "force_up, force_down)",
+        world.circles[0]: "Circle(center=(0.9, 1.4), radius=0.3, effect='obstacle', channel='solid')",
+        affmap.GradientPlanner(): "GradientPlanner(kind='gradient', horizon=20, num_iterations=50, initial_action=0.5, "
+        "learning_rate=0.005, decay=0.9)",
+    }
+    for thing, text in said.items():
+        assert repr(thing) == str(thing) == text
+    alone = affmap.Stack(affmap.ModelSettings(context_size=3), 4, (0,))
+    own = sum(each.numel() for each in alone.parameters())
+    assert repr(stack) == f"Stack(2 members, C = 3, K = 4, MLP, {own:,} weights each)"
+    assert repr(affmap.ExactLookup(stack, [world.map, empty.map])) == "ExactLookup(2 worlds)"
+    assert repr(lookup) == "AffordanceMap(2 maps of 7 x 5 nodes 0.5 u apart, C = 3)"
+    assert repr(agent) == f"Agent(2 members, C = 3, CEMPlanner, {lookup})"
+    assert repr(oracle) == "Oracle(CEMPlanner, 1 world)"
+    assert repr(half) == f"HalfOracle(true mean, {agent})"
+    assert repr(affmap.Pilot(oracle, world, seed=3)) == f"Pilot({oracle}, seed 3)"
+    distance = runs.table["mean_distance"].mean()
+    assert repr(runs) == f"Runs(8 runs of 2 members, 1 step, 0 reached the goal, mean distance {distance:.2f} u)"
 
 
 def page(name: str) -> str:

@@ -1,5 +1,7 @@
 """Trained agents, from a run or from the reference run that comes with the package."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

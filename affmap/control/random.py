@@ -12,7 +12,7 @@ from affmap.settings import Settings
 
 
 @register
-class RandomAgent(Settings):
+class RandomAgent(Settings, defaults="agent/random"):
     """Opens every throttle at random, uniformly between 0 and 1 and anew at every step (`conf/agent/random.yaml`).
 
     It has no model, and predicts nothing.

@@ -21,14 +21,14 @@ class ConfiguredController(Controller, Protocol):
 
 
 @register
-class AgentSettings(Settings):
+class AgentSettings(Settings, defaults="agent/planner"):
     """A model-predictive `Agent` (`conf/agent/planner.yaml`), made of the groups `model`, `lookup` and `planner`."""
 
     kind: Literal["planner"]
 
 
 @register
-class OracleSettings(Settings):
+class OracleSettings(Settings, defaults="agent/oracle"):
     """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
 
     kind: Literal["oracle", "true_mean", "true_deviation"]

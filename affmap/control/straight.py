@@ -13,7 +13,7 @@ from affmap.settings import Length, NonNegative, Settings
 
 
 @register
-class StraightAgent(Settings):
+class StraightAgent(Settings, defaults="agent/straight"):
     """Pushes straight towards the goal with the two throttles beside that direction (`conf/agent/straight.yaml`).
 
     It slows down: it steers from where it would be some steps later at its present speed, and near the goal closes the

@@ -5,6 +5,7 @@ The effect of a circle and its look (its channel of the view) are separate. A la
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
@@ -91,6 +92,15 @@ class Arena(Settings):
             )
         return self
 
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"{type(self).__name__}({self.name!r}, {width:g} x {height:g} u, {self._contents})"
+
+    @property
+    def _contents(self) -> str:
+        """A short description of the circles."""
+        raise NotImplementedError
+
     @property
     def shortest_way(self) -> float:
         """Smallest distance between a start and a goal, in the squares of opposite corners, u."""
@@ -116,6 +126,11 @@ class Layout(Arena):
                     f"circles[{index}].channel = {circle.channel!r} is not one of channels {list(self.channels)}."
                 )
         return self
+
+    @property
+    def _contents(self) -> str:
+        effects = Counter(circle.effect for circle in self.circles)
+        return f"circles: {', '.join(f'{number} {effect}' for effect, number in effects.items()) or 'none'}"
 
     @cached_property
     def map(self) -> VisibleLayout:

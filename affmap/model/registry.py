@@ -37,7 +37,7 @@ class TransitionSettings(Protocol):
 
 
 @register
-class MLPSettings(Settings):
+class MLPSettings(Settings, defaults="model/transition/mlp"):
     """The paper's multilayer perceptron, which has no hidden state (`conf/model/transition/mlp.yaml`)."""
 
     kind: Literal["mlp"]
@@ -50,7 +50,7 @@ class MLPSettings(Settings):
 
 
 @register
-class GRUSettings(Settings):
+class GRUSettings(Settings, defaults="model/transition/gru"):
     """A gated recurrent unit (`conf/model/transition/gru.yaml`)."""
 
     kind: Literal["gru"]

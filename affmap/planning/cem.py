@@ -40,7 +40,7 @@ class CEMState(NamedTuple):
 
 
 @register
-class CEMPlanner(Settings):
+class CEMPlanner(Settings, defaults="planner/cem"):
     """The cross-entropy method (`conf/planner/cem.yaml`)."""
 
     kind: Literal["cem"]
@@ -53,8 +53,11 @@ class CEMPlanner(Settings):
     num_kept: CountOrNone
     """K, elites that join the next iteration's candidates."""
     num_iterations: Count
+    """Iterations a plan."""
     initial_mean: Share
+    """Opening of all throttles before the first plan."""
     initial_variance: Positive
+    """Variance of all throttles where a plan begins."""
     momentum: Annotated[Share, Field(lt=1)]
     """Weight of the old mean and variance."""
 

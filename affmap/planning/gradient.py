@@ -28,7 +28,7 @@ class GradientState(NamedTuple):
 
 
 @register
-class GradientPlanner(Settings):
+class GradientPlanner(Settings, defaults="planner/gradient"):
     """Gradient descent on actions (`conf/planner/gradient.yaml`)."""
 
     kind: Literal["gradient"]
