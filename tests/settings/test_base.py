@@ -3,7 +3,6 @@
 import logging
 import os
 import re
-from collections.abc import Iterator
 from copy import deepcopy
 from pathlib import Path
 from pkgutil import resolve_name
@@ -49,14 +48,13 @@ GOOD = "mass: 1.5\ngears: 3\ncolor: red\nwheels: [{radius: 0.1}, {radius: 0.2}]\
 
 
 @pytest.fixture(autouse=True)
-def conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A configuration folder with a group `cart` of its own."""
     (tmp_path / "cart").mkdir()
     (tmp_path / "cart" / "good.yaml").write_text(GOOD)
     monkeypatch.setattr("affmap.settings.base.folder", lambda: tmp_path)
-    settings.read.cache_clear()
-    yield tmp_path
-    settings.read.cache_clear()
+    monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
+    return tmp_path
 
 
 def complaint(**changes: object) -> str:
