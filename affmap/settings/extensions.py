@@ -71,7 +71,7 @@ def note(place: str, name: str, module: str) -> None:
         name: that was registered.
         module: that registered it.
     """
-    if module.partition(".")[0] != GROUP:
+    if module.partition(".")[0] != __name__.partition(".")[0]:
         _outside[place, name] = module
 
 

@@ -1,9 +1,11 @@
 """The table of effects: what each line must be, and that a line of a user's is all that a new one needs."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import jobs
 
 from affmap.env.body import Vehicle
 from affmap.env.effects import EFFECTS, Effect, check_effect, pulls, register_effect
@@ -14,7 +16,7 @@ from affmap.env.rendering import Canvas
 from affmap.env.scene import Scene
 from affmap.report.drawing.arena import effect_handles
 from affmap.results.failures import nearest, things
-from affmap.settings import ConfigError
+from affmap.settings import ConfigError, folder
 
 VEHICLE = Vehicle.load("vehicle", "default")
 
@@ -114,13 +116,21 @@ def test_a_drag_slows_down_as_damping_does() -> None:
     assert speeds["sand"] / speeds["none"] == pytest.approx(1 - VEHICLE.time_step_s * drag / VEHICLE.mass, abs=1e-5)
 
 
-def test_the_compiled_physics_refuses_a_force() -> None:
+def test_the_compiled_physics_refuses_a_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything runs, too: in the configuration of an oracle, and nowhere else."""
     pytest.importorskip("numba")
     from affmap.env.twin import Twin
 
     register_effect("sand", Effect("brakes", "#123456", force=lambda _, velocity: -velocity))
     with pytest.raises(ConfigError, match=r"^the effect 'sand' is a force in Python, .*baselines=\[straight,random\]"):
         Twin([layout("sand")], VEHICLE)
+    (tmp_path / "conf/layout").mkdir(parents=True)
+    text = (folder() / "layout/original.yaml").read_text("utf-8").replace("name: original", "name: beach")
+    (tmp_path / "conf/layout/beach.yaml").write_text(text.replace("effect: obstacle", "effect: sand"))
+    monkeypatch.chdir(tmp_path)
+    assert len(jobs(tmp_path, "world=beach", "agent=planner,random")) == 2
+    with pytest.raises(ConfigError, match="the effect 'sand' is a force in Python"):
+        jobs(tmp_path, "world=beach", "agent=oracle")
 
 
 @pytest.mark.parametrize(
