@@ -9,15 +9,19 @@ from .control.agent import Agent as Agent
 from .control.episodes import fly as fly
 from .control.pilot import Pilot as Pilot
 from .control.pretrained import load as load
+from .control.registry import register_agent as register_agent
 from .control.settings import ControlSettings as ControlSettings
 from .data.settings import Exploration as Exploration
 from .env.body import Vehicle as Vehicle
+from .env.effects import Effect as Effect
+from .env.effects import register_effect as register_effect
 from .env.layout import Circle as Circle
 from .env.layout import Layout as Layout
 from .env.procedural import Procedural as Procedural
 from .env.vehicle import VehicleEnv as VehicleEnv
 from .model.lookup import AffordanceMap as AffordanceMap
 from .model.lookup import ExactLookup as ExactLookup
+from .model.registry import register_transition as register_transition
 from .model.rollout import rollout as rollout
 from .model.settings import LookupSettings as LookupSettings
 from .model.settings import ModelSettings as ModelSettings
@@ -26,6 +30,9 @@ from .model.transition import TransitionModel as TransitionModel
 from .planning.cem import CEMPlanner as CEMPlanner
 from .planning.gradient import GradientPlanner as GradientPlanner
 from .planning.objective import expected_free_energy as expected_free_energy
+from .planning.registry import register_planner as register_planner
+from .results.metrics import Metric as Metric
+from .results.metrics import register_metric as register_metric
 from .settings.messages import ConfigError as ConfigError
 from .training.settings import TrainingSettings as TrainingSettings
 

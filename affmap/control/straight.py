@@ -5,14 +5,14 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from affmap.control.controller import Decision, Observation
-from affmap.control.registry import register
+from affmap.control.registry import register_agent
 from affmap.env.body import THROTTLES
 from affmap.lazy import torch
 from affmap.planning.planner import Generators
 from affmap.settings import Length, NonNegative, Settings
 
 
-@register
+@register_agent
 class StraightAgent(Settings, defaults="agent/straight"):
     """Pushes straight towards the goal with the two throttles beside that direction (`conf/agent/straight.yaml`).
 

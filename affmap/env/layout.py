@@ -14,18 +14,11 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from affmap.env.effects import EFFECTS
+from affmap.env.effects import check_effect
 from affmap.settings import Length, Line, Name, Neutral, Number, Settings
 from affmap.view import VisibleLayout
 
-
-def _check_effect(effect: str) -> str:
-    if effect not in EFFECTS:
-        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}")
-    return effect
-
-
-EffectName = Annotated[str, AfterValidator(_check_effect)]
+EffectName = Annotated[str, AfterValidator(check_effect)]
 """A key of `affmap.env.effects.EFFECTS`."""
 
 Acts = Literal["center", "rim"]

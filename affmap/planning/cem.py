@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 from affmap import compiled
 from affmap.lazy import torch
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
-from affmap.planning.registry import register
+from affmap.planning.registry import register_planner
 from affmap.settings import Count, CountOrNone, Positive, Settings, Share
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class CEMState(NamedTuple):
     """`[B, K, H, 4]`, candidates kept for the next iteration; K is 0 before the first plan."""
 
 
-@register
+@register_planner
 class CEMPlanner(Settings, defaults="planner/cem"):
     """The cross-entropy method (`conf/planner/cem.yaml`)."""
 

@@ -220,7 +220,7 @@ def deviations(reports: Sequence[Results]) -> str:
 
 
 def origins(records: Sequence[Mapping[str, Any]], command: str) -> str:
-    """List of the command, commits, versions and machines behind some results, each value once.
+    """List of the command, commits, versions, machines and modules of users behind some results, each value once.
 
     Args:
         records: results of `provenance.summarize`.
@@ -230,6 +230,8 @@ def origins(records: Sequence[Mapping[str, Any]], command: str) -> str:
     for name in ("git", "versions", "machine"):
         values = provenance.distinct([value for record in records for value in record[name]])
         lines += [(name.capitalize(), _plain(value)) for value in values]
+    outside = provenance.distinct([each for record in records for each in record.get("extensions", ())])
+    lines += [("Not of affmap", _plain(each)) for each in outside]
     return bullets(f"**{name}:** {escape(text)}" for name, text in lines)
 
 

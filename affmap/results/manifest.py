@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
+from affmap.settings import extensions
 from affmap.settings.messages import ConfigError
 from affmap.settings.types import lies_in
 from affmap.store.files import atomic_write, copy_files, digests, named_errors, read_json, replace_folder, sha256
@@ -259,10 +260,11 @@ def _is_kept(name: PurePath, without: Sequence[str]) -> bool:
 
 @cache
 def code() -> str:
-    """A digest of all files of the package that a drawing may depend on."""
+    """A digest of all files that a drawing may depend on: those of the package, and modules of users."""
     package = Path(__file__).parents[1]
     kinds = (".py", ".typ", ".html", ".js", ".css", ".md", ".mplstyle")
-    contents = (path.read_bytes() for path in sorted(package.rglob("*")) if path.suffix in kinds)
+    paths = [path for path in sorted(package.rglob("*")) if path.suffix in kinds]
+    contents = [path.read_bytes() for path in (*paths, *extensions.sources())]
     return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
 
 

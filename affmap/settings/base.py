@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from inspect import Parameter, Signature, cleandoc
 from pathlib import Path
 from textwrap import fill
@@ -212,26 +212,64 @@ def folder() -> Path:
     return inside if inside.is_dir() else package.parent / "conf"
 
 
-@cache
+def own_folder() -> Path | None:
+    """The folder `conf` of the current folder, which adds files to those of `folder`; None where there is none."""
+    own = Path("conf")
+    return own.absolute() if own.is_dir() and not own.samefile(folder()) else None
+
+
+def folders() -> tuple[Path, ...]:
+    """All configuration folders, of which the first is that of `folder`."""
+    own = own_folder()
+    return (folder(), own) if own else (folder(),)
+
+
+def names(group: str) -> list[str]:
+    """Names of the files of a group, in all configuration folders, without those that systems leave beside them."""
+    paths = (path for each in folders() for path in (each / group).glob("[!.]*.yaml") if path.is_file())
+    return sorted({path.stem for path in paths})
+
+
+def find(group: str, name: str) -> Path | None:
+    """The file `conf/<group>/<name>.yaml`, or None.
+
+    Raises:
+        ConfigError: the current folder has another one of that name.
+    """
+    paths = [path for each in folders() if (path := each / group / f"{name}.yaml").is_file()]
+    # Other applications of Hydra, too, have a `conf` with files of these names.
+    if len(paths) > 1 and name not in ("config", "default") and len({path.read_bytes() for path in paths}) > 1:
+        raise ConfigError(
+            f"conf/{group}/{name}.yaml of the current folder has the name of a file of affmap; give it one of its own."
+        )
+    return paths[0] if paths else None
+
+
 def read(group: str, name: str) -> dict[str, Any]:
-    """The plain content of `conf/<group>/<name>.yaml`.
+    """The plain content of `conf/<group>/<name>.yaml`, of the package or of the current folder; not to be changed.
 
     Raises:
         ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is too
-            large or not plain YAML, see `affmap.settings.plain_yaml`.
+            large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
     """
-    path = folder() / group / f"{name}.yaml"
-    options = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml") if file.is_file()))
     if not re.fullmatch(NAME, name):
-        raise ConfigError(f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {options}.")
-    if not path.is_file():
-        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {options}.")
-    plain_yaml.check_size(path, f"conf/{group}/{name}.yaml")
+        raise ConfigError(
+            f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {', '.join(names(group))}."
+        )
+    if not (path := find(group, name)):
+        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {', '.join(names(group))}.")
+    status = path.stat()
+    return _read(path, f"conf/{group}/{name}.yaml", (status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=1024)
+def _read(path: Path, name: str, _version: tuple[int, int]) -> dict[str, Any]:
+    plain_yaml.check_size(path, name)
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"conf/{group}/{name}.yaml is not plain YAML: {error}.") from None
-    content = plain_yaml.load(text, f"conf/{group}/{name}.yaml")
+        raise ConfigError(f"{name} is not plain YAML: {error}.") from None
+    content = plain_yaml.load(text, name)
     if not isinstance(content, dict):
-        raise ConfigError(f"conf/{group}/{name}.yaml holds {format_value(content)}; it should hold `key: value` lines.")
+        raise ConfigError(f"{name} holds {format_value(content)}; it should hold `key: value` lines.")
     return content

@@ -6,7 +6,7 @@ import os
 import pickle
 import pydoc
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import copy, deepcopy
 from pathlib import Path
 from pkgutil import resolve_name
@@ -54,14 +54,13 @@ KEYS = "There are: mass, gears, color, wheels, doors, owner, garage, prices."
 
 
 @pytest.fixture(autouse=True)
-def conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A configuration folder with a group `cart` of its own."""
     (tmp_path / "cart").mkdir()
     (tmp_path / "cart" / "good.yaml").write_text(GOOD)
     monkeypatch.setattr("affmap.settings.base.folder", lambda: tmp_path)
-    settings.read.cache_clear()
-    yield tmp_path
-    settings.read.cache_clear()
+    monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
+    return tmp_path
 
 
 def complaint(**changes: object) -> str:
