@@ -1,5 +1,6 @@
 """The documentation: it builds, without network; what it says works; what it quotes is there."""
 
+import inspect
 import os
 import re
 import shutil
@@ -100,7 +101,8 @@ def test_formulas_are_drawn_by_the_browser_itself(site: Path) -> None:
 
 def test_every_public_name_is_in_the_reference() -> None:
     text = (DOCS / "api.md").read_text("utf-8")
-    assert [name for name in affmap.__all__ if f".{name}\n" not in text] == []
+    names = [name for name in affmap.__all__ if not inspect.ismodule(getattr(affmap, name))]
+    assert [name for name in names if f".{name}\n" not in text] == []
 
 
 ENTRIES = re.split(r"^## ", (DOCS / "lablog.md").read_text("utf-8"), flags=re.M)[1:]
