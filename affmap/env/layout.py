@@ -59,6 +59,7 @@ class Arena(Settings):
     """
 
     name: Name
+    """That of its file in `conf/layout`, if it has one."""
     size: tuple[Length, Length]
     """Width and height of the arena, u."""
     channels: tuple[Line, ...] = Field(min_length=1)
@@ -104,6 +105,7 @@ class Layout(Arena):
     """A layout: an arena and its circles."""
 
     circles: tuple[Circle, ...] = Field(max_length=MAX_CIRCLES)
+    """Obstacles, force fields, fog, and circles without an effect; they may overlap."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -59,6 +59,7 @@ class Procedural(Arena):
     corner_side: Length
     """Side of the squares in the arena's corners that no circle reaches into, u."""
     properties: tuple[Property, ...] = Field(min_length=1)
+    """Kinds of circles."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
