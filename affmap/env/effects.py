@@ -65,9 +65,10 @@ def register_effect(name: str, effect: Effect) -> None:
         raise ValueError(f"the effect {name!r} has pull = {effect.pull!r}; it should be a direction, x and y.")
     if effect.force is not None:
         force_at(name, effect.force, np.zeros((3, 2)), np.zeros((3, 2)))
-    above = {key: EFFECTS.pop(key) for key in _HIGHEST}
-    EFFECTS.update({name: effect, **above})
     extensions.note("effect", name, sys._getframe(1).f_globals["__name__"])  # effects do not know their module
+    above = {key: EFFECTS.pop(key) for key in _HIGHEST}
+    EFFECTS.pop(name, None)
+    EFFECTS.update({name: effect, **above})
 
 
 def check_effect(name: str) -> str:

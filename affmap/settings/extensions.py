@@ -70,9 +70,14 @@ def note(place: str, name: str, module: str) -> None:
         place: the key of a configuration that takes the name, such as `planner.kind`.
         name: that was registered.
         module: that registered it.
+
+    Raises:
+        ValueError: another module from outside has registered it.
     """
-    if module.partition(".")[0] != __name__.partition(".")[0]:
-        _outside[place, name] = module
+    if module.partition(".")[0] == __name__.partition(".")[0]:
+        return
+    if (other := _outside.setdefault((place, name), module)) != module:
+        raise ValueError(f"{name!r} of {module} is registered by {other} already; give it another name.")
 
 
 def origins(config: Mapping[str, Any]) -> list[dict[str, str]]:
