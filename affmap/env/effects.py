@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from affmap.settings import NAME, ConfigError, extensions
-from affmap.settings.messages import format_value
+from affmap.settings.messages import OWN, format_value
 
 Force = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Force of a circle on the vehicle, `[..., 2]` in N. Its arguments are the way from the circle's centre to that of the
@@ -81,7 +81,7 @@ def check_effect(name: str) -> str:
     if name not in EFFECTS:
         extensions.load()
     if name not in EFFECTS:
-        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}; {extensions.HOW}")
+        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}; {OWN}")
     return name
 
 
