@@ -7,6 +7,7 @@ from . import settings as settings
 from . import training as training
 from .control.agent import Agent as Agent
 from .control.episodes import fly as fly
+from .control.evaluation import evaluate as evaluate
 from .control.pilot import Pilot as Pilot
 from .control.pretrained import load as load
 from .control.registry import register_agent as register_agent
@@ -27,6 +28,7 @@ from .model.settings import LookupSettings as LookupSettings
 from .model.settings import ModelSettings as ModelSettings
 from .model.stack import Stack as Stack
 from .model.transition import TransitionModel as TransitionModel
+from .pipeline.agents import train as train
 from .planning.cem import CEMPlanner as CEMPlanner
 from .planning.gradient import GradientPlanner as GradientPlanner
 from .planning.objective import expected_free_energy as expected_free_energy
