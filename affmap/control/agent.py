@@ -21,6 +21,7 @@ from affmap.control.mpc import PlanningAgent
 from affmap.control.settings import ControlSettings as ControlSettings
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
+from affmap.lazy import notebook
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import Lookup
@@ -74,6 +75,9 @@ class Agent(PlanningAgent):
         """Copy of the agent for another world, or for B others (member-major)."""
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels)
+
+    def _repr_html_(self) -> str | None:
+        return notebook.agent(self)
 
     def initial_carry(self, num_problems: int) -> Carry:
         """Hidden state of the transition models where flights of B problems begin."""
