@@ -39,7 +39,7 @@ def losses(table: Table, by: str | None = CONTEXT_SIZE.column, *, ax: Axes | Non
     rows = _read(table, "validation")
     rows = rows.assign(**{ALL: ALL}) if by is None else rows
     factor = _factor(by or ALL)
-    one = [factor.column, "member", "epoch"]
+    one = [*dict.fromkeys([factor.column, "member", "epoch"])]
     _check(rows, [*one, "validation_nll"])
     if rows.duplicated(one).any():
         others = [str(column) for column in rows if column not in (*one, "training_nll", "validation_nll")]
