@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Final
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -10,6 +11,9 @@ from affmap.report.drawing.files import STYLE, style
 
 SIZE = (5.0, 3.0)
 """Width and height of a new figure, inches."""
+
+LAYOUT: Final = "compressed"
+"""Layout engine of a new figure; `constrained` may let the legend beside an arena stick out, which is to scale."""
 
 
 @contextmanager
@@ -21,7 +25,7 @@ def canvas(ax: Axes | None) -> Iterator[Axes]:
     import matplotlib.pyplot as plt  # chooses a backend
 
     with style():
-        ax = plt.figure(figsize=SIZE, layout="constrained").subplots()
+        ax = plt.figure(figsize=SIZE, layout=LAYOUT).subplots()
         ax.tick_params(labelsize=STYLE["font.size"])  # ticks are made when the figure is shown, in the user's style
         yield ax
 

@@ -9,13 +9,15 @@ from io import BytesIO
 from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from affmap.env.effects import EFFECTS
 from affmap.env.layout import Arena, Layout
 from affmap.env.procedural import Procedural
 from affmap.plot import arena
+from affmap.plot.canvas import LAYOUT
 from affmap.random import generator
-from affmap.report.drawing.files import DPI, new_figure, style
+from affmap.report.drawing.files import DPI, style
 from affmap.results.numbers import counted, listed
 
 if TYPE_CHECKING:  # need torch
@@ -114,7 +116,7 @@ def _colors(number: int) -> str:
 def _figure(draws: Sequence[Draw], caption: str) -> str:
     """Pictures side by side, below a caption."""
     with style():
-        figure = new_figure(HEIGHT, WIDTH * len(draws))
+        figure = Figure(figsize=(WIDTH * len(draws), HEIGHT), layout=LAYOUT)
         for draw, ax in zip(draws, figure.subplots(1, len(draws), squeeze=False)[0], strict=True):
             draw(ax)
         png = BytesIO()

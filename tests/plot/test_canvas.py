@@ -3,6 +3,7 @@
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import pytest
+from handmade import ORIGINAL, make_runs
 from matplotlib.figure import Figure
 
 import affmap
@@ -30,4 +31,18 @@ def test_without_axes_a_new_figure_is_made_which_pyplot_shows() -> None:
         first.figure.draw_without_rendering()
         texts = [first.xaxis.label, *first.get_xticklabels()]
     assert {text.get_fontsize() for text in texts} == {8}
+    plt.close("all")
+
+
+@pytest.mark.parametrize("dpi", [72, 192])
+def test_nothing_sticks_out_of_a_new_figure(dpi: int) -> None:
+    """Legends beside arenas, which are to scale: labels and legends end within the figure."""
+    runs = make_runs([ORIGINAL])
+    drawn = [affmap.plot.layout("four_properties"), affmap.plot.trajectories(runs), affmap.plot.plan(runs)]
+    for ax in drawn:
+        figure = ax.get_figure()
+        figure.set_dpi(dpi)
+        figure.draw_without_rendering()
+        box = ax.get_tightbbox()
+        assert min(box.x0, box.y0) > 0 and box.x1 < figure.bbox.x1 and box.y1 < figure.bbox.y1
     plt.close("all")
