@@ -41,6 +41,8 @@ def losses(table: Table, by: str | None = CONTEXT_SIZE.column, *, ax: Axes | Non
     factor = _factor(by or ALL)
     one = [*dict.fromkeys([factor.column, "member", "epoch"])]
     _check(rows, [*one, "validation_nll"])
+    if rows.empty:
+        raise ConfigError("the table has no rows, and so no losses.")
     if rows.duplicated(one).any():
         others = [str(column) for column in rows if column not in (*one, "training_nll", "validation_nll")]
         raise ConfigError(
@@ -66,7 +68,8 @@ def boxes(
     Boxes are quartiles, whiskers extend to the last point within 1.5 interquartile ranges, outliers are not drawn.
 
     Args:
-        table: a row a run, with the columns `metric`, `by` and `color`.
+        table: a row a run, with the columns `metric`, `by` and `color`. Rows where one of the last two is empty, such
+            as the context size of agents without a model, are left out.
         metric: one of `affmap.results.METRICS`.
         by: the column along the x axis.
         color: the column of groups that stand side by side in colours of their own; by default there is one group.
@@ -105,7 +108,9 @@ def _grouped(table: Table, metric: str, by: str, color: str | None) -> tuple[pd.
     if metric not in METRICS:
         raise ConfigError(f"there is no metric {metric!r}; there are: {', '.join(METRICS)}.")
     _check(rows, [metric, by, *([color] if color else [])])
-    rows = rows if color else rows.assign(**{ALL: ALL})
+    rows = rows.dropna(subset=[by, color]) if color else rows.dropna(subset=[by]).assign(**{ALL: ALL})
+    if rows.empty:
+        raise ConfigError(f"the table has no row with a value of {' and '.join(filter(None, [by, color]))}.")
     factor, x = _factor(color or ALL), _factor(by)
     names, x_names = _names(rows[factor.column], factor), _names(rows[by], x)
     return rows, Groups(factor.column, names, _palette(names, factor), x, x_names if _are_words(x_names) else {})

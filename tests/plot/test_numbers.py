@@ -119,6 +119,18 @@ def test_steps_that_are_lacking_where_a_run_never_arrived_have_no_box_of_their_o
     assert medians(ax) == [4]
 
 
+def test_agents_without_a_context_have_no_place_among_context_sizes() -> None:
+    """As `affmap.evaluate` gives them: whole numbers, empty for an agent without a model; it stands among agents."""
+    table = make_runs().assign(context_size=lambda rows: rows["context_size"].astype("Int64"))
+    table.loc[table["agent"] == "a", "context_size"] = pd.NA
+    assert medians(affmap.plot.boxes(table, "mean_distance", ax=axes())) == [30, 38]
+    ax = affmap.plot.boxes(table, "mean_distance", "context_size", "agent", ax=axes())
+    assert medians(ax) == [30, 38] and texts(ax) == []
+    assert medians(affmap.plot.boxes(table, "mean_distance", by="agent", ax=axes())) == [34, 7]
+    bars = affmap.plot.bars(table, "reached", ax=axes()).patches
+    assert [bar.get_height() for bar in bars if bar.get_height()] == pytest.approx([0.4, 0.4])
+
+
 def test_bars_are_shares_of_members() -> None:
     """By hand: two of five members have arrived; the interval lies around that."""
     ax = affmap.plot.bars(make_runs(), "reached", color="agent", ax=axes())
@@ -133,6 +145,8 @@ def test_wrong_tables_are_told_in_a_sentence() -> None:
         (lambda: affmap.plot.boxes("exp9", "mean_distance"), "exp9 is no report with tables/runs.csv: give a table"),
         (lambda: affmap.plot.losses(runs), "no column 'epoch'; it has agent, context_size, member"),
         (lambda: affmap.plot.losses(make_losses(), by="beta"), "no column 'beta'; it has context_size"),
+        (lambda: affmap.plot.losses(make_losses()[:0]), "has no rows, and so no losses"),
+        (lambda: affmap.plot.boxes(runs[:0], "mean_distance"), "no row with a value of context_size"),
         (lambda: affmap.plot.boxes(runs, "distance"), "there is no metric 'distance'; there are: validation_nll, "),
         (lambda: affmap.plot.boxes(runs, "success"), "no column 'success'; it has agent"),
         (lambda: affmap.plot.boxes(runs, "reached"), "reached is a yes or no .* with affmap.plot.bars"),
