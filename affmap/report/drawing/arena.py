@@ -159,6 +159,8 @@ def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:
     """Draw the number of positions `[N, 2]` (u) in each cell of a layout; few positions are drawn one by one."""
     _outlines(ax, world)
     if not len(positions):
+        style: dict[str, Any] = {"ha": "center", "va": "center", "bbox": {"fc": "white", "ec": "none", "pad": 1.0}}
+        ax.text(world.size[0] / 2, world.size[1] / 2, "no run", **style)
         return arena(ax, world)
     if len(positions) < FEW:
         ax.plot(*positions.T, "o", ms=3, mfc="none", mec="black")

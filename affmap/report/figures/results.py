@@ -130,7 +130,7 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
     if settings.outcome == "success":
         parts.append(
             "(D) Share of successful runs, which reach the goal and never enter fog: mean and standard deviation "
-            "(black lines) over members."
+            "(black lines, which end at 0 and 1) over members."
         )
     else:
         parts.append("(D) Mean distance to the goal in control.")
