@@ -8,11 +8,13 @@ A line `{{ what arguments }}` of a page becomes
 | `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
 | `{{ readme Glossary }}` | a section of the README, with its links to places of the site |
 | `{{ tried }}` | the table of what the tests try |
+| `{{ plot description }}` | the figure that the page's code above draws, when the site is built |
 
 Blocks of ```` ```math ```` and `` $`...`$ `` are LaTeX and become MathML, which browsers draw without help. Figures and
 reports of `runs/reference` are part of the site as `reference/...`, notebooks and the reports of experiments are pages.
 """
 
+import base64
 import csv
 import inspect
 import json
@@ -20,9 +22,12 @@ import re
 from collections.abc import Callable, Iterator
 from html import unescape
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+import matplotlib.pyplot as plt
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -78,7 +83,8 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in tables, source lines and formulas that stand by themselves."""
+    """Fill in figures, tables, source lines and formulas that stand by themselves."""
+    markdown = "".join(_plotted(markdown)) if "{{ plot " in markdown else markdown
     markdown = re.sub(r"^\{\{ (\w+)(?: (.+))? \}\}$", _filled, markdown, flags=re.M)
     return re.sub(r"^```math\n(.+?)^```$", _formula, markdown, flags=re.M | re.S)
 
@@ -86,6 +92,29 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turn the formulas in sentences into MathML."""
     return re.sub(r"\$<code>(.*?)</code>\$", lambda found: convert(unescape(found[1])), html)
+
+
+def _plotted(markdown: str) -> Iterator[str]:
+    """A page with the figures that its code draws."""
+    matplotlib.use("agg")
+    namespace: dict[str, Any] = {}
+    for part in re.split(r"(^```python\n.+?^```$|^\{\{ plot .+? \}\}$)", markdown, flags=re.M | re.S):
+        if part.startswith("```python"):
+            exec(part.removeprefix("```python").removesuffix("```"), namespace)
+        elif part.startswith("{{ plot "):
+            part = _figure(part.removeprefix("{{ plot ").removesuffix(" }}"))
+        yield part
+
+
+def _figure(description: str) -> str:
+    """The figure that was drawn last, in its own size on a screen."""
+    if not plt.get_fignums():
+        raise ValueError(f"no code has drawn a figure for {{{{ plot {description} }}}}.")
+    png, width = BytesIO(), round(96 * plt.gcf().get_figwidth())
+    plt.savefig(png, format="png", dpi=192)
+    plt.close("all")
+    source = base64.b64encode(png.getvalue()).decode()
+    return f'<img alt="{description}" width="{width}" src="data:image/png;base64,{source}">'
 
 
 def _filled(line: re.Match[str]) -> str:
@@ -159,6 +188,8 @@ def _notebook(path: Path) -> Iterator[str]:
             if "image/png" in data:
                 picture = "".join(data["image/png"]).strip()
                 yield f'<img alt="what the cell draws" src="data:image/png;base64,{picture}">'
+            elif "<img" in (html := "".join(data.get("text/html", ""))):
+                yield html
             else:
                 yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
 

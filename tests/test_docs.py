@@ -88,7 +88,7 @@ def test_the_site_builds_whole(site: Path) -> None:
             if "//" not in link and not link.startswith("#"):
                 assert (path.parent / unquote(link.partition("#")[0])).exists(), f"{path} has a broken link {link}"
         assert all(image.get("alt") for image in found.images), f"{path} has a picture without a description"
-        unfilled = re.findall(r"\{\{ (?:table|source) ", path.read_text("utf-8"))
+        unfilled = re.findall(r"\{\{ (?:plot|table|source) ", path.read_text("utf-8"))
         assert not unfilled, f"{path} has a line that was not filled in"
 
 
@@ -137,7 +137,7 @@ def test_pictures_are_small() -> None:
 
 PAGES = [
     ROOT / "README.md",
-    *(DOCS / f"{name}.md" for name in ("quickstart", "python", "configuration", "environment")),
+    *(DOCS / f"{name}.md" for name in ("quickstart", "python", "plots", "configuration", "environment")),
     *sorted(DOCS.glob("howto/*.md")),
 ]
 

@@ -23,6 +23,7 @@ from affmap.control.settings import ControlSettings as ControlSettings
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
+from affmap.lazy import notebook
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import Lookup
@@ -93,6 +94,9 @@ class Agent(PlanningAgent):
         from affmap.control.saved import save
 
         save(self, folder)
+
+    def _repr_html_(self) -> str | None:
+        return notebook.agent(self)
 
     def initial_carry(self, num_problems: int) -> Carry:
         """Hidden state of the transition models where flights of B problems begin."""

@@ -22,6 +22,7 @@ from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import first_layout
 from affmap.env.vehicle import VehicleEnv
+from affmap.lazy import notebook
 from affmap.progress import reported, silent
 from affmap.random import generator, integer
 from affmap.results import metrics
@@ -40,6 +41,11 @@ class Runs(NamedTuple):
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
     `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member [B]`,
     `run [B]`. Values that a controller does not predict are NaN."""
+    layouts: list[Layout]
+    """`[B]`, in which the runs took place."""
+
+    def _repr_html_(self) -> str | None:
+        return notebook.runs(self)
 
     def __repr__(self) -> str:
         num_runs, num_steps = self.trajectories["reached"].shape
@@ -106,7 +112,7 @@ def control(
     trajectories["position"] = np.stack(positions, axis=1).astype(np.float32)
     trajectories["goal"] = np.stack([env.goal for env in envs])
     trajectories["member"], trajectories["run"] = np.array(pairs).T
-    return Runs(summarise(trajectories), trajectories)
+    return Runs(summarise(trajectories), trajectories, list(layouts_of_runs))
 
 
 def fly(

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
+from affmap.lazy import notebook
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.palette import Palette
@@ -154,6 +155,9 @@ class AffordanceMap:
         """
         codes = self.codes[index].cpu().numpy()
         return Palette.fit(codes.reshape(codes.shape[0] * codes.shape[1], codes.shape[2]))(codes)
+
+    def _repr_html_(self) -> str | None:
+        return notebook.affordance_map(self)
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
