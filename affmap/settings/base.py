@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from affmap.settings import plain_yaml
-from affmap.settings.messages import ConfigError, format_value, sentences
+from affmap.settings.messages import ConfigError, alternatives, format_value, sentences
 from affmap.settings.types import NAME
 
 
@@ -113,7 +113,17 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(values)
         except ValidationError as error:
-            raise ConfigError(sentences(error.errors(include_url=False), values, origin, origins or {})) from None
+            errors = error.errors(include_url=False)
+            raise ConfigError(sentences(errors, values, origin, origins or {}, _known_keys)) from None
+
+
+def _known_keys(values: Mapping[str, Any], unknown: str) -> Collection[str]:
+    """The keys of the settings that share most keys with `values`: pydantic does not tell which ones it has tried."""
+    kinds = [Settings]
+    for kind in kinds:  # the list grows
+        kinds += kind.__subclasses__()
+    every = [kind.model_fields.keys() for kind in kinds if unknown not in kind.model_fields]
+    return max(every, key=lambda keys: len(keys & values.keys()))
 
 
 def _plain(value: Any) -> Any:
@@ -138,11 +148,15 @@ def read(group: str, name: str) -> dict[str, Any]:
             large or not plain YAML, see `affmap.settings.plain_yaml`.
     """
     path = folder() / group / f"{name}.yaml"
-    options = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml") if file.is_file()))
+    options = sorted(file.stem for file in (folder() / group).glob("*.yaml") if file.is_file())
     if not re.fullmatch(NAME, name):
-        raise ConfigError(f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {options}.")
+        raise ConfigError(
+            f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {', '.join(options)}."
+        )
     if not path.is_file():
-        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {options}.")
+        raise ConfigError(
+            f"conf/{group}/{name}.yaml does not exist; {alternatives(name, options, f'conf/{group} holds')}"
+        )
     plain_yaml.check_size(path, f"conf/{group}/{name}.yaml")
     try:
         text = path.read_text(encoding="utf-8")

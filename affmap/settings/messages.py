@@ -2,7 +2,8 @@
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 from pydantic_core import ErrorDetails
@@ -32,6 +33,17 @@ def format_value(value: Any, length: int = 100) -> str:
     return text if len(text) <= length else f"{shorten(text, length)} ({len(text)} characters)"
 
 
+def nearest(word: str, options: Iterable[str]) -> str | None:
+    """The option that a misspelt word most likely means; None where none is near."""
+    return next(iter(get_close_matches(word, [*options], 1)), None)
+
+
+def alternatives(word: str, options: Sequence[str], heading: str = "there are") -> str:
+    """The end of a sentence about an option that does not exist: the nearest one, if one is near, and all options."""
+    listed = ", ".join(options)
+    return f"did you mean {near}? There are: {listed}." if (near := nearest(word, options)) else f"{heading}: {listed}."
+
+
 def shorten(text: str, length: int) -> str:
     """The beginning and the end of a text that is longer than `length`."""
     if len(text) <= length:
@@ -57,7 +69,11 @@ class PrintableFormatter(logging.Formatter):
         return printable(super().format(record))
 
 
-def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str]) -> str:
+Keys = Callable[[Mapping[str, Any], str], Iterable[str]]
+"""Of some values and an unknown key of theirs: the keys that they may have."""
+
+
+def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str], known: Keys) -> str:
     """A line for each invalid value: its origin, and the error.
 
     Args:
@@ -65,15 +81,16 @@ def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins:
         values: those that were validated.
         origin: where the values come from.
         origins: the same for single keys that come from elsewhere.
+        known: keys that are suggested in place of an unknown one.
     """
     lines = [
-        f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values))}"
+        f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values, known))}"
         for item in errors[:MOST]
     ]
     return "\n".join([*lines, *([f"... and {len(errors) - MOST} more."] if len(errors) > MOST else [])])
 
 
-def sentence(item: ErrorDetails, values: Any) -> str:
+def sentence(item: ErrorDetails, values: Any, known: Keys) -> str:
     """An invalid value in a sentence: key = value, error, remedy."""
     key, value = _key(item["loc"], values, item["type"] == "missing"), format_value(item["input"])
     problem = _PROBLEMS.get(item["type"]) or re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
@@ -81,7 +98,10 @@ def sentence(item: ErrorDetails, values: Any) -> str:
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
-        return f"{key} = {value} is not a known key; remove it or correct its spelling."
+        unknown = str(item["loc"][-1])
+        near = nearest(unknown, known(_holder(item["loc"], values), unknown))
+        remedy = f"did you mean {key[: key.rfind('.') + 1]}{near}?" if near else "remove it or correct its spelling."
+        return f"{key} = {value} is not a known key; {remedy}"
     if item["type"] == "invalid_key" or (item["loc"][-1:] == ("[key]",) and not isinstance(item["input"], str)):
         return f"{key}: the key is not text; put quotes around it, or remove it."
     if item["type"] == "union_tag_not_found":
@@ -109,3 +129,11 @@ def _key(location: Sequence[int | str], values: Any, is_missing: bool) -> str:
         except (KeyError, IndexError, TypeError):
             values = None
     return key.lstrip(".")
+
+
+def _holder(location: Sequence[int | str], values: Any) -> Any:
+    """The part of `values` that has the last key of a location."""
+    for part in location[:-1]:
+        if isinstance(part, int) or part in values:  # pydantic also names the alternatives that it has tried
+            values = values[part]
+    return values

@@ -93,8 +93,13 @@ def test_a_file_gives_the_values_written_in_it() -> None:
         ({"doors": []}, "doors = [] is not allowed: it should have at least 1 item"),
         ({"wheels": [{"radius": 1}, {"radius": -2}]}, "wheels[1].radius = -2 is not allowed: it should be greater"),
         ({"wheels": [{}]}, "wheels[0].radius is missing; add the key."),
-        ({"wheel": 3}, "wheel = 3 is not a known key; remove it or correct its spelling."),
+        ({"wheel": 3}, "wheel = 3 is not a known key; did you mean wheels?"),
+        ({"roof": 3}, "roof = 3 is not a known key; remove it or correct its spelling."),
         ({"wheels": [{"radius": 1, "size": 2}]}, "wheels[0].size = 2 is not a known key; remove it or correct"),
+        (
+            {"wheels": [{"radius": 1, "raduis": 2}]},
+            "wheels[0].raduis = 2 is not a known key; did you mean wheels[0].rad",
+        ),
         ({"gears": 8}, "gears = 8 is too many for mass = 1.5; give at most 7.5."),
     ],
 )
@@ -113,7 +118,7 @@ def test_each_wrong_value_has_a_sentence_of_its_own() -> None:
     assert str(caught.value).splitlines() == [
         "here: mass = 0 is not allowed: it should be greater than 0.",
         "here: owner is missing; add the key.",
-        "here: ownr = 'ada' is not a known key; remove it or correct its spelling.",
+        "here: ownr = 'ada' is not a known key; did you mean owner?",
     ]
     assert caught.value.__suppress_context__
     assert isinstance(caught.value, ValueError)
