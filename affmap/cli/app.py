@@ -14,9 +14,11 @@ from typing import NoReturn
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
+from affmap.config import sweep
+from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import MachineError, check_members, check_report
-from affmap.settings.messages import ConfigError, printable
+from affmap.settings.messages import ConfigError, nearest, printable
 from affmap.store.files import FULL_DISK, locked
 from affmap.store.stage import StoreError
 
@@ -84,16 +86,26 @@ def open_streams() -> None:
             setattr(sys, name, stream)
 
 
+def read_jobs(arguments: Sequence[str]) -> Search | Sweep:
+    """The search of a command line, or its sweep; a folder stands for the overrides of what was run into it.
+
+    Raises:
+        ConfigError: a value is not allowed, or there is no such folder; the message gives a remedy.
+    """
+    overrides = sweep.expand_folder(arguments)
+    return Search.read(overrides) or read_sweep(overrides)
+
+
 def read_sweep(arguments: Sequence[str]) -> Sweep:
     """The validated sweep of a command line.
 
     Raises:
         ConfigError: a value is not allowed, or a member is in two jobs; the message gives a remedy.
     """
-    sweep = Sweep.read(arguments)
-    check_report(sweep)
-    check_members(sweep)
-    return sweep
+    jobs = Sweep.read(arguments)
+    check_report(jobs)
+    check_members(jobs)
+    return jobs
 
 
 @contextmanager
@@ -125,7 +137,9 @@ def flags() -> list[str]:
 
 def _overrides(known: Collection[str]) -> list[str]:
     if unknown := [flag for flag in flags() if flag not in known]:
-        raise ConfigError(f"{unknown[0]} is not known here; give Hydra overrides, such as experiment=exp1.")
+        near = nearest(unknown[0], [*known, "--help"])
+        remedy = f"did you mean {near}?" if near else "give Hydra overrides, such as experiment=exp1."
+        raise ConfigError(f"{unknown[0]} is not known here; {remedy}")
     return [argument for argument in sys.argv[1:] if argument not in (*MULTIRUN, *known)]
 
 

@@ -6,8 +6,8 @@ Only intact files that a manifest lists are copied.
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
-from affmap.cli.report import CHECK, make_report, read
+from affmap.cli.app import SweepError, command, flags, read_jobs, read_sweep, written_alone
+from affmap.cli.report import CHECK, make_report
 from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.model.weights import SNAPSHOT, WEIGHTS
@@ -65,7 +65,7 @@ def check_target(output: Path, target: Path) -> None:
 def _publish(arguments: list[str]) -> None:
     from affmap.report import build  # reports take seconds to import
 
-    jobs = read(arguments)
+    jobs = read_jobs(arguments)
     report = make_report(jobs)
     config = jobs.config if isinstance(jobs, Search) else jobs.first
     check_publishable(report.notice)

@@ -1,11 +1,10 @@
 """The command `affmap-report`: draw the report of a sweep or of a search, or verify all of its files and stages."""
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
+from affmap.cli.app import SweepError, command, flags, read_jobs, written_alone
 from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
@@ -30,15 +29,6 @@ ANEW = "affmap-report makes a report anew."
 def main() -> None:
     """Run the command `affmap-report`."""
     command(_check if CHECK in flags() else _report, known=[CHECK], about=ABOUT)
-
-
-def read(arguments: Sequence[str]) -> Search | Sweep:
-    """The search of a command line, or its sweep.
-
-    Raises:
-        ConfigError: a value is not allowed; the message gives a remedy.
-    """
-    return Search.read(arguments) or read_sweep(arguments)
 
 
 def make_report(jobs: Search | Sweep) -> Report:
@@ -96,7 +86,7 @@ def _origin(config: Config) -> dict[str, Any]:
 def _report(arguments: list[str]) -> None:
     from affmap.report import build
 
-    jobs = read(arguments)
+    jobs = read_jobs(arguments)
     output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
     with written_alone(output):
         report = make_report(jobs)
@@ -114,7 +104,7 @@ def _check(arguments: list[str]) -> None:
     Raises:
         SweepError: a file is not as it was written; the message says which command makes it again.
     """
-    jobs = read(arguments)
+    jobs = read_jobs(arguments)
     output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
     parts, problems = _check_search(jobs) if isinstance(jobs, Search) else _check_sweep(jobs)
     if problems:

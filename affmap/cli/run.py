@@ -12,7 +12,7 @@ import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 
-from affmap.cli.app import SweepError, command, end_with_parent, flags, read_sweep, sigterm_ends_process
+from affmap.cli.app import SweepError, command, end_with_parent, flags, read_jobs, read_sweep, sigterm_ends_process
 from affmap.config import sweep
 from affmap.config.root import Config, plain
 from affmap.config.search import IRRELEVANT, Search
@@ -57,10 +57,11 @@ def _check(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    if search := Search.read(arguments):
-        _run_search(search)
+    jobs = read_jobs(arguments)
+    if isinstance(jobs, Search):
+        _run_search(jobs)
     else:
-        _run_sweep(read_sweep(arguments))
+        _run_sweep(jobs)
 
 
 def _run_search(search: Search) -> None:
@@ -82,7 +83,7 @@ def _run_search(search: Search) -> None:
         raise SweepError(str(error)) from None
     if problem:
         raise SweepError("\n".join([*problem, "Run the same command again to resume."]))
-    print(f"{search.config.name}: the search is complete; affmap-report {shlex.join(sys.argv[1:])} draws it.")
+    print(f"{search.config.name}: the search is complete; {_next(search.config)}")
 
 
 def _run_sweep(jobs: Sweep) -> None:
@@ -120,7 +121,12 @@ def _run_sweep(jobs: Sweep) -> None:
         more = f"All logs are in {first.output / 'jobs'}; run the same command again to resume."
         raise SweepError("\n".join([*lines, more]))
     _run_companions(jobs)
-    print(f"{first.name}: all {count} settings are complete; affmap-report {shlex.join(sys.argv[1:])} draws them.")
+    print(f"{first.name}: all {count} settings are complete; {_next(first)}")
+
+
+def _next(config: Config) -> str:
+    """The command that comes after a run."""
+    return f"affmap-report {shlex.quote(str(config.output))} shows and draws the results."
 
 
 def _run_companions(jobs: Sweep) -> None:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from affmap.cli.app import command, read_sweep
+from affmap.cli.app import command, read_jobs
 from affmap.config import sweep
 from affmap.config.search import Search
 from affmap.pipeline import status
@@ -30,23 +30,20 @@ def main() -> None:
 
 
 def _status(arguments: list[str]) -> None:
-    folders = [Path(argument) for argument in arguments if "=" not in argument]
-    if folders and len(folders) < len(arguments):
-        raise ConfigError(
-            "affmap-status takes either folders, such as runs/exp1, or overrides, such as experiment=exp1."
-        )
+    folders = [Path(argument) for argument in arguments if sweep.is_folder(argument)]
+    overrides = [argument for argument in arguments if not sweep.is_folder(argument)]
     if not arguments:
-        folders = sorted(path.parents[1] for path in Path("runs").rglob(sweep.NOTE))
+        folders = sweep.folders_with_notes()
     console = Console(width=None if sys.stdout.isatty() else 200, markup=False, emoji=False, highlight=False)
     if not arguments and not folders:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
     elif not folders:
-        _show(arguments, console, set())
+        _show(overrides, console, set())
     problems: list[str] = []
     outputs: set[Path] = set()
     for path in folders:
         try:
-            _show(sweep.read_note(path), console, outputs)
+            _show([*sweep.read_note(path), *overrides], console, outputs)
         except (ConfigError, HydraException) as error:  # go on with the others
             problems.append(f"{path}: {error}")
     if problems:
@@ -55,12 +52,12 @@ def _status(arguments: list[str]) -> None:
 
 def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
     """Print the status of a search, or of a sweep and its companions, and add them to `outputs`, which are skipped."""
-    if search := Search.read(line):
-        progress = f"{search.num_complete} of {search.num_trials} trials complete"
-        console.print(f"{search.config.title} ({search.config.output}): {progress}")
+    asked = read_jobs(line)
+    if isinstance(asked, Search):
+        progress = f"{asked.num_complete} of {asked.num_trials} trials complete"
+        console.print(f"{asked.config.title} ({asked.config.output}): {progress}")
         return
-    main_sweep = read_sweep(line)
-    for part in (main_sweep, *main_sweep.companions()):
+    for part in (asked, *asked.companions()):
         if part.first.output in outputs:
             continue
         outputs.add(part.first.output)

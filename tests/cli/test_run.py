@@ -143,6 +143,41 @@ def test_running_it_again_changes_nothing(
     assert contents(swept) == before
 
 
+def test_a_folder_stands_for_the_sweep_that_was_run_into_it(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The sweep's own settings, its stages, and the remedies; other overrides win; nothing is written."""
+    before, output = contents(swept), str(swept / "output")
+    monkeypatch.chdir(swept)
+    for more, count in (([], 2), (["model.context_size=1"], 1)):
+        assert in_process(monkeypatch, "affmap", ["output", *more]) == 0
+        assert capsys.readouterr().out == f"single: {count} of {count} settings are complete.\n"
+    assert in_process(monkeypatch, "affmap-report", [output, "--check"]) == 1  # its stages are whole
+    assert capsys.readouterr().err == f"{output} holds no report.\naffmap-report makes a report anew.\n"
+    assert in_process(monkeypatch, "affmap-publish", [output]) == 2
+    assert "this result is not to be published: SMOKE RUN" in capsys.readouterr().err
+    assert in_process(monkeypatch, "affmap-status", [output, "model.context_size=0,1,2"]) == 0
+    assert "2 of 3 settings complete, 1 missing" in capsys.readouterr().out
+    assert contents(swept) == before
+    copied = shutil.copytree(output, tmp_path / "copied")
+    assert in_process(monkeypatch, "affmap", [str(copied)]) == 2
+    assert capsys.readouterr().err.startswith(f"the sweep of {copied} writes to {output}; ")
+    assert in_process(monkeypatch, "affmap", [str(copied), f"output={copied}"]) == 0
+
+
+def test_a_folder_that_is_not_there_is_called_so(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the nearest of those that are there, and all of them."""
+    for folder, end in (("ouptut", f"; did you mean {swept / 'output'}?"), ("x", ".")):
+        for entry in ("affmap", "affmap-report", "affmap-publish", "affmap-status"):
+            assert in_process(monkeypatch, entry, [str(swept / folder)]) == 2
+            message = f"{swept / folder} is neither a folder nor an override key=value{end} Folders of sweeps: "
+            assert capsys.readouterr().err.endswith(f"{message}{swept / 'output'}.\n")
+    assert in_process(monkeypatch, "affmap", [str(swept / "output"), str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"'{tmp_path}' is a second folder; give one folder at a time.\n"
+
+
 def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
     """The tables and weights of all jobs, and where they lie in the store."""
     files = []

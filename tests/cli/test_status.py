@@ -171,9 +171,14 @@ def test_of_many_settings_only_those_are_listed_that_need_a_look() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["runs/nothing"], "runs/nothing/jobs/sweep.json is missing or corrupted"),
-        (["runs/nothing", "seed=3"], "takes either folders"),
+        (
+            ["runs/nothing"],
+            "runs/nothing is neither a folder nor an override key=value; there is no sweep in runs, `affmap ",
+        ),
+        (["runs/nothing", "seed=3"], "runs/nothing is neither a folder nor an override key=value"),
+        (["."], ".: . holds no note of a sweep (jobs/sweep.json); give the overrides"),
         (["--all"], "--all is not known here"),
+        (["--hepl"], "--hepl is not known here; did you mean --help?"),
     ],
 )
 def test_a_mistake_is_reported(
