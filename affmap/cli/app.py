@@ -1,5 +1,6 @@
 """The frame of all commands: command line, error messages, exit statuses, signals."""
 
+import argparse
 import multiprocessing
 import os
 import signal
@@ -26,6 +27,10 @@ MULTIRUN = ("-m", "--multirun")
 """Hydra's flag for sweeps; it is added where it is needed and optional on the command line."""
 
 
+OVERRIDES = "An override is key=value, as for affmap; `affmap --help` lists groups and keys."
+"""The end of each command's help."""
+
+
 class SweepError(Exception):
     """Some settings of a sweep are incomplete; the message names each."""
 
@@ -35,8 +40,8 @@ def command(
 ) -> None:
     """Run `body` on the command line's overrides and report errors in a sentence; other flags than `known` are errors.
 
-    `about` is the text of `--help`, and no docstring, which optimised bytecode lacks; `resumes` tells whether the same
-    command resumes after a signal.
+    `about` is the text of `--help`: purpose, usage, examples. It is no docstring, which optimised bytecode lacks.
+    `resumes` tells whether the same command resumes after a signal.
 
     Exit status: 2 for a mistake in the command line, 1 for a failure, 130 or 143 for a signal.
     """
@@ -50,7 +55,7 @@ def command(
     try:
         with sigterm_ends_process():
             if about and {"--help", "-h"} & {*flags()}:
-                print(f"{about}\n\nIt takes Hydra overrides, such as experiment=exp1 or output=runs/mine.")
+                print(f"{about}\n{OVERRIDES}")
             else:
                 body(_overrides(known))
         sys.stdout.flush()
@@ -72,6 +77,19 @@ def command(
                 _leave(f"{name or 'A file'}: {reason or error}; fix that and run the same command again.", 1)
             case _:
                 raise
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser of the command line of a program without overrides; its help begins with the purpose, then the usage."""
+
+    def __init__(self, name: str, purpose: str, examples: str) -> None:
+        """Begin with no arguments; `examples` are the end of the help, lines that are kept."""
+        super().__init__(name, epilog=f"examples:\n{examples}", formatter_class=argparse.RawDescriptionHelpFormatter)
+        self._purpose = f"{name}: {purpose}"
+
+    def format_help(self) -> str:
+        """The text of `--help`."""
+        return f"{self._purpose}\n\n{super().format_help()}"
 
 
 def open_streams() -> None:

@@ -19,7 +19,21 @@ from affmap.store.provenance import PROVENANCE
 from affmap.store.stage import StoreError, copy_stage
 from affmap.store.stage import check as check_stage
 
-ABOUT = "`affmap-publish`: keep report and models in `runs/reference`; `--report-only`: no models; `--check`: verify."
+ABOUT = """\
+affmap-publish: keep the report and the models of a sweep in runs/reference.
+
+usage: affmap-publish [--report-only] [OVERRIDE ...]
+       affmap-publish [--report-only] FOLDER [OVERRIDE ...]
+       affmap-publish --check [OVERRIDE ...]
+
+  --report-only   keep neither models nor the tables of their trainings
+  --check         keep nothing; verify all that runs/reference holds
+
+examples:
+  affmap-publish experiment=exp1
+  affmap-publish runs/exp1   the sweep that was run into runs/exp1
+  affmap-publish --check
+"""
 
 WITHOUT = ("*.pdf", "*.svg", "*.html")
 """Files that are not kept: vector figures are in the report's PDF, figures in the page."""

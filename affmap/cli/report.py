@@ -17,7 +17,20 @@ from affmap.results.provenance import leaves
 from affmap.settings.messages import ConfigError, printable
 from affmap.store.provenance import circumstances, has_path, without_paths
 
-ABOUT = "`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."
+ABOUT = """\
+affmap-report: draw the report of a sweep or of a search, and print its results.
+
+usage: affmap-report [--check] [OVERRIDE ...]
+       affmap-report [--check] FOLDER [OVERRIDE ...]
+
+  --check   draw nothing; verify every file of the report and of all stages behind it
+
+examples:
+  affmap-report experiment=exp1
+  affmap-report runs/exp1                       the report of the sweep that was run into runs/exp1
+  affmap-report runs/exp1 report.partial=true   of its completed settings only
+  affmap-report runs/exp1 --check
+"""
 
 CHECK = "--check"
 """Flag: verify every file, draw nothing."""

@@ -19,7 +19,18 @@ from affmap.pipeline import status
 from affmap.pipeline.status import JobStatus, StageStatus
 from affmap.settings.messages import ConfigError, printable
 
-ABOUT = "`affmap-status`: the progress of sweeps, by overrides or by folders of reports; by default, of all in `runs`."
+ABOUT = """\
+affmap-status: show the progress of sweeps and searches, with the time spent and the time left.
+
+usage: affmap-status                         all that were run into folders of runs
+       affmap-status FOLDER ... [OVERRIDE ...]
+       affmap-status OVERRIDE ...
+
+examples:
+  affmap-status
+  affmap-status runs/exp1 runs/exp2   the sweeps that were run into these folders
+  affmap-status experiment=exp1 scale=smoke
+"""
 
 COLORS = {"complete": "green", "running": "cyan", "failed": "red", "corrupted": "red", "stopped": "yellow"}
 

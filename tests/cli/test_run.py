@@ -24,6 +24,7 @@ from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, 
 import affmap.pipeline.job
 from affmap import pipeline
 from affmap.cli import paper, publish, report, status
+from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.env import Layout
 from affmap.env.procedural import Procedural
@@ -724,16 +725,22 @@ def test_optimised_bytecode_has_help(
     monkeypatch.setattr(sys, "argv", ["a command", "--help"])
     with contextlib.suppress(SystemExit):
         module.main()
-    assert re.search(r"`affmap-\w+`: [a-z ]{10}", " ".join(capsys.readouterr().out.split()))
+    assert re.match(r"affmap-\w+: [a-z ]{10}.*\n\nusage: affmap(.*\n)+examples:\n  affmap", capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("entry", ["affmap-status", "affmap-report", "affmap-publish"])
-def test_every_command_has_help(
+@pytest.mark.parametrize("entry", ["affmap", "affmap-status", "affmap-report", "affmap-publish"])
+def test_help_begins_with_the_purpose_then_usage_and_examples(
     entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Each example but those of flags alone is a command line that is accepted."""
     assert in_process(monkeypatch, entry, ["--help"]) == 0
     message = capsys.readouterr().out
-    assert message.startswith(f"`{entry}`: ") and "It takes Hydra overrides, such as experiment=exp1" in message
+    assert re.match(rf"{entry}: [a-z ]{{10}}.*\n\nusage: {entry} ?.*\n(.*\n)+ *examples:\n", message)
+    examples = re.findall(rf"^  {entry}((?: [\w/=.,-]+)*)(?:$|   )", message.partition("examples:")[2], re.MULTILINE)
+    assert len(examples) >= 3
+    for example in examples:
+        overrides = [argument for argument in example.split() if "=" in argument]
+        assert Sweep.read(overrides).configs or Search.read(overrides)
 
 
 def test_a_configuration_that_cannot_be_run_is_not_printed(
