@@ -24,6 +24,7 @@ _COUNTS = {
     Verdict.HOLDS: ("holds", "hold"),
     Verdict.DOES_NOT_HOLD: ("does not hold", "do not hold"),
     Verdict.NOT_DECIDED: ("is not decided", "are not decided"),
+    Verdict.NOT_TESTED: ("is not tested", "are not tested"),
 }
 """Verdict -> verb phrase for one claim, and for several."""
 
