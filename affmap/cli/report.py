@@ -4,6 +4,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from affmap.cli import tables
 from affmap.cli.app import SweepError, command, flags, read_jobs, written_alone
 from affmap.config.root import Config
 from affmap.config.search import Search
@@ -108,6 +109,7 @@ def _report(arguments: list[str]) -> None:
     if page.suffix == ".md":
         print(f"{printable(page.read_text('utf-8'))}\nThe table is {page}")
     else:
+        tables.show(output / "tables")
         print(f"The report is {page}; open {page.with_suffix('.html')} for the interactive version.")
 
 

@@ -1,6 +1,5 @@
 """The command `affmap-status`: the progress of sweeps and searches, with time spent and left. Runs nothing."""
 
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from affmap.cli.app import command, read_jobs
+from affmap.cli.tables import console
 from affmap.config import sweep
 from affmap.config.search import Search
 from affmap.pipeline import status
@@ -45,38 +45,38 @@ def _status(arguments: list[str]) -> None:
     overrides = [argument for argument in arguments if not sweep.is_folder(argument)]
     if not arguments:
         folders = sweep.folders_with_notes()
-    console = Console(width=None if sys.stdout.isatty() else 200, markup=False, emoji=False, highlight=False)
+    out = console()
     if not arguments and not folders:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
     elif not folders:
-        _show(overrides, console, set())
+        _show(overrides, out, set())
     problems: list[str] = []
     outputs: set[Path] = set()
     for path in folders:
         try:
-            _show([*sweep.read_note(path), *overrides], console, outputs)
+            _show([*sweep.read_note(path), *overrides], out, outputs)
         except (ConfigError, HydraException) as error:  # go on with the others
             problems.append(f"{path}: {error}")
     if problems:
         raise ConfigError("\n".join(problems))
 
 
-def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
+def _show(line: list[str], out: Console, outputs: set[Path]) -> None:
     """Print the status of a search, or of a sweep and its companions, and add them to `outputs`, which are skipped."""
     asked = read_jobs(line)
     if isinstance(asked, Search):
         progress = f"{asked.num_complete} of {asked.num_trials} trials complete"
-        console.print(f"{asked.config.title} ({asked.config.output}): {progress}")
+        out.print(f"{asked.config.title} ({asked.config.output}): {progress}")
         return
     for part in (asked, *asked.companions()):
         if part.first.output in outputs:
             continue
         outputs.add(part.first.output)
         jobs = status.jobs(part)
-        console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}")
-        console.print(table(jobs))
+        out.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}")
+        out.print(table(jobs))
         for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted", "unknown")):
-            console.print(printable(failure))
+            out.print(printable(failure))
 
 
 MAX_ROWS = 50

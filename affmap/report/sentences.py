@@ -8,7 +8,7 @@ from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score
 from affmap.results.metrics import METRICS
-from affmap.results.numbers import NOTHING, counted, listed, number, span
+from affmap.results.numbers import NOTHING, counted, interval, listed, number, span
 from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
 from affmap.results.statistics import Outcome, Verdict
@@ -31,11 +31,7 @@ _COUNTS = {
 
 def effect(outcome: Outcome, unit: str) -> str:
     """Effect with its interval and unit."""
-    if outcome.effect is None:
-        return NOTHING
-    digits = 4 if unit == "ratio" else 2 if abs(outcome.effect) < 1000 else 0
-    size, *ends = (number(value, digits, sign=True) for value in (outcome.effect, outcome.low, outcome.high))
-    return f"{size} {unit}" if outcome.low is None else f"{size} [{', '.join(ends)}] {unit}"
+    return interval(outcome.effect, outcome.low, outcome.high, unit)
 
 
 def verdict_count(scores: Sequence[Score]) -> str:
