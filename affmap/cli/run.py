@@ -7,13 +7,16 @@ import logging
 import os
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import hydra
 from hydra.errors import HydraException
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from affmap.cli.app import SweepError, command, end_with_parent, flags, read_jobs, read_sweep, sigterm_ends_process
 from affmap.config import sweep
+from affmap.config.compose import compose, num_workers
 from affmap.config.root import Config, plain
 from affmap.config.search import IRRELEVANT, Search
 from affmap.config.sweep import Sweep
@@ -28,6 +31,7 @@ from affmap.pipeline.job import (
     find,
     is_complete,
 )
+from affmap.pipeline.progress import follow
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
 from affmap.store.files import check_locks, locked
@@ -60,8 +64,8 @@ def _run(arguments: list[str]) -> None:
     jobs = read_jobs(arguments)
     if isinstance(jobs, Search):
         _run_search(jobs)
-    else:
-        _run_sweep(jobs)
+    elif _run_sweep(jobs):
+        print(_next(jobs.first))
 
 
 def _run_search(search: Search) -> None:
@@ -83,11 +87,11 @@ def _run_search(search: Search) -> None:
         raise SweepError(str(error)) from None
     if problem:
         raise SweepError("\n".join([*problem, "Run the same command again to resume."]))
-    print(f"{search.config.name}: the search is complete; {_next(search.config)}")
+    print(f"{search.config.name}: the search is complete.\n{_next(search.config)}")
 
 
-def _run_sweep(jobs: Sweep) -> None:
-    """Run the incomplete jobs of a sweep.
+def _run_sweep(jobs: Sweep) -> bool:
+    """Run the incomplete jobs of a sweep and of those that belong to it; returns whether there were any.
 
     Raises:
         SweepError: some are still incomplete afterwards.
@@ -99,8 +103,7 @@ def _run_sweep(jobs: Sweep) -> None:
     if complete == count:
         for config in jobs.configs:
             find(config)  # verifies every file
-        _run_companions(jobs)
-        return
+        return _run_companions(jobs)
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
@@ -109,19 +112,40 @@ def _run_sweep(jobs: Sweep) -> None:
     for kind in agents_without_models(jobs.configs):
         print(f"agent={kind} flies without a model; the models are trained for the losses and maps of its report only.")
     sweep.write_note(first.output, jobs.overrides)
-    arguments = [*(["-m"] if sweep.is_sweep(jobs.overrides) else []), *jobs.overrides]
-    problem = _launch(arguments)
-    while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):
-        # A killed worker takes the others with it, whose jobs are not to blame.
-        complete = now
+    with _progress(jobs) as arguments:
         problem = _launch(arguments)
+        while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):
+            # A killed worker takes the others with it, whose jobs are not to blame.
+            complete = now
+            problem = _launch(arguments)
     failed = status.failures(status.jobs(jobs, check=True))
     if problem or failed:
         lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
         more = f"All logs are in {first.output / 'jobs'}; run the same command again to resume."
         raise SweepError("\n".join([*lines, more]))
     _run_companions(jobs)
-    print(f"{first.name}: all {count} settings are complete; {_next(first)}")
+    print(f"{first.name}: all {count} settings are complete.")
+    return True
+
+
+@contextmanager
+def _progress(jobs: Sweep) -> Iterator[list[str]]:
+    """Show the progress of several workers together; yields the command line for Hydra, on which they are silent.
+
+    One worker, or a single job, shows the progress of its stages itself.
+    """
+    if not sweep.is_sweep(jobs.overrides):
+        yield [*jobs.overrides]
+        return
+    composed = compose([line for line in jobs.overrides if not sweep.is_sweep([line])])
+    workers, arguments = num_workers(composed), ["-m", *jobs.overrides]
+    if workers == 1 or len(jobs.configs) == 1:
+        yield arguments
+        return
+    has_console = OmegaConf.select(composed, "hydra.job_logging.handlers.console") is not None
+    silent = ["++hydra.job_logging.handlers.console.level=ERROR"] if has_console else []  # their logs are files, too
+    with follow(jobs.first.name, lambda: status.overview(status.jobs(jobs), workers)):
+        yield [*arguments, *silent]
 
 
 def _next(config: Config) -> str:
@@ -129,10 +153,10 @@ def _next(config: Config) -> str:
     return f"affmap-report {shlex.quote(str(config.output))} shows and draws the results."
 
 
-def _run_companions(jobs: Sweep) -> None:
-    """Run the sweeps that belong to a sweep, after it, because they share its models."""
-    for companion in jobs.companions():
-        _run_sweep(companion)
+def _run_companions(jobs: Sweep) -> bool:
+    """Run the sweeps that belong to a sweep, after it, because they share its models; returns as `_run_sweep` does."""
+    have_run = [_run_sweep(companion) for companion in jobs.companions()]
+    return any(have_run)
 
 
 def _launch(arguments: list[str]) -> list[str]:

@@ -1,9 +1,8 @@
 """The command `affmap-status`: the progress of sweeps and searches, with time spent and left. Runs nothing."""
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import mean
 
 from hydra.errors import HydraException
 from rich.box import SIMPLE_HEAD
@@ -16,6 +15,7 @@ from affmap.cli.tables import console
 from affmap.config import sweep
 from affmap.config.search import Search
 from affmap.pipeline import status
+from affmap.pipeline.progress import duration
 from affmap.pipeline.status import JobStatus, StageStatus
 from affmap.settings.messages import ConfigError, printable
 
@@ -88,7 +88,7 @@ def table(jobs: Sequence[JobStatus]) -> Table:
 
     Of many settings, only those that are running, have stopped or failed.
     """
-    expected = _typical(jobs)
+    expected = status.typical(jobs)
     rows = Table("setting", "state", "stage", box=SIMPLE_HEAD, pad_edge=False)
     rows.add_column("spent", justify="right")
     rows.add_column("left", justify="right")
@@ -101,7 +101,7 @@ def table(jobs: Sequence[JobStatus]) -> Table:
             Text(job.state, COLORS.get(job.state, "")),
             _stage(current) if current else "",
             duration(sum(part.state.seconds for part in job.parts)),
-            duration(_left(job.parts, expected)) if current else "",
+            duration(status.seconds_left(job.parts, expected)) if current else "",
         )
     return rows
 
@@ -114,46 +114,8 @@ def summary(jobs: Sequence[JobStatus]) -> str:
     """Numbers of settings by state, and total time spent and left."""
     counts = Counter(job.state for job in jobs)
     rest = [f"{count} {name}" for name, count in counts.items() if name != "complete"]
-    parts = _distinct(jobs)
+    parts = status.distinct(jobs)
     time = f"{duration(sum(part.state.seconds for part in parts))} spent"
     if rest:
-        time += f", {duration(_left(parts, _typical(jobs)))} left, one job at a time"
+        time += f", {duration(status.seconds_left(parts, status.typical(jobs)))} left, one job at a time"
     return ", ".join([f"{counts['complete']} of {len(jobs)} settings complete", *rest]) + f"; {time}"
-
-
-def _distinct(jobs: Sequence[JobStatus]) -> list[StageStatus]:
-    """All stages, once each, since settings share some."""
-    return list({(part.name, part.digest): part for job in jobs for part in job.parts}.values())
-
-
-def _typical(jobs: Sequence[JobStatus]) -> dict[str, float]:
-    """Stage name -> mean seconds of those that are complete."""
-    seconds = defaultdict(list)
-    for part in _distinct(jobs):
-        if part.state.name == "complete":
-            seconds[part.name].append(part.state.seconds)
-    return {name: mean(values) for name, values in seconds.items()}
-
-
-def _left(parts: Sequence[StageStatus], expected: dict[str, float]) -> float | None:
-    """Estimate of the remaining seconds, from a stage's own pace or others of its kind; None if unknown."""
-    total = 0.0
-    for part in parts:
-        if part.state.name == "complete":
-            continue
-        left = part.state.seconds_left
-        if left is None:
-            if part.name not in expected:
-                return None
-            left = max(expected[part.name] - part.state.seconds, 0.0)
-        total += left
-    return total
-
-
-def duration(seconds: float | None) -> str:
-    """Hours, minutes and seconds; a question mark if unknown."""
-    if seconds is None:
-        return "?"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -216,6 +216,11 @@ def test_a_sweep_that_was_killed_and_goes_on_with_two_workers_ends_with_the_same
     assert not any(pipeline.find(config) for config in jobs(tmp_path, *SWEEP))
     result = command(tmp_path, *SWEEP, "hydra.launcher.n_jobs=2")
     assert result.returncode == 0, result.stdout + result.stderr
+    lines = ["single: 0 of 2 settings are complete.", "single: all 2 settings are complete."]
+    hint = f"affmap-report {tmp_path / 'output'} shows and draws the results."
+    told = [line for line in result.stdout.splitlines() if "stages complete" not in line]  # of a slow machine
+    assert told == [*lines, hint], "the workers are silent"
+    assert all("control" in path.read_text() for path in tmp_path.rglob("affmap.log"))
     assert tables(tmp_path, *SWEEP) == tables(swept, *SWEEP)
     assert not list((tmp_path / "store").glob("*/*.partial"))
 

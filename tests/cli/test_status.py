@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 from commands import command, in_process, line
 
-from affmap.cli.status import duration, summary, table
+from affmap.cli.status import summary, table
 from affmap.config import sweep
 from affmap.config.sweep import Sweep
 from affmap.pipeline import train
-from affmap.pipeline.status import JobStatus, StageStatus, failures
+from affmap.pipeline.progress import duration
+from affmap.pipeline.status import JobStatus, StageStatus, failures, overview
 from affmap.store.store import State
 
 DATA = StageStatus("data", "a", State("complete", 10.0))
@@ -71,6 +72,13 @@ def test_what_is_shared_counts_once_in_the_sum() -> None:
         "2 of 5 settings complete, 1 running, 1 failed, 1 missing; 6:20 spent, 10:30 left, one job at a time"
     )
     assert summary(FOUND[:2]) == "2 of 2 settings complete; 5:10 spent"
+
+
+def test_the_overview_of_two_workers_takes_half_the_time() -> None:
+    """By hand: 3 of 6 stages, and 10/50 and 5/50 of two more; 630 s are left."""
+    now = overview(FOUND, workers=2)
+    assert now == (2, 5, 3, 6, pytest.approx(3.3), 315.0)
+    assert overview([JobStatus("size=0", (MAP,))], 2).seconds_left is None
 
 
 def test_what_nothing_tells_is_not_guessed() -> None:
