@@ -68,23 +68,41 @@ def _show(line: list[str], out: Console, outputs: set[Path]) -> None:
         progress = f"{asked.num_complete} of {asked.num_trials} trials complete"
         out.print(f"{asked.config.title} ({asked.config.output}): {progress}")
         return
+    counted: set[str] = set()
+    is_shared = False
     for part in (asked, *asked.companions()):
         if part.first.output in outputs:
             continue
         outputs.add(part.first.output)
         jobs = status.jobs(part)
-        out.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}")
-        out.print(table(jobs))
+        own = own_stages(jobs, counted)
+        is_shared |= any(len(parts) < len(job.parts) for job, parts in zip(jobs, own, strict=True))
+        out.print(f"{part.first.title} ({part.first.output}): {summary(jobs, own)}")
+        out.print(table(jobs, own))
         for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted", "unknown")):
             out.print(printable(failure))
+    if is_shared:
+        out.print(SHARED)
 
 
 MAX_ROWS = 50
 """Most rows of a table of all settings; longer ones omit those that are complete or missing."""
 
 
-def table(jobs: Sequence[JobStatus]) -> Table:
-    """A row for each setting: state, current stage, time spent and left.
+SHARED = "A stage that settings share counts as spent in the first of them, and as left in each that waits for it."
+
+
+def own_stages(jobs: Sequence[JobStatus], counted: set[str]) -> list[list[StageStatus]]:
+    """For each setting, its stages that no setting before it has, nor `counted`; digests are added to it."""
+    own = []
+    for job in jobs:
+        own.append([part for part in job.parts if part.digest not in counted])
+        counted |= {part.digest for part in job.parts}
+    return own
+
+
+def table(jobs: Sequence[JobStatus], own: Sequence[Sequence[StageStatus]]) -> Table:
+    """A row for each setting: state, current stage, time spent on its `own_stages`, and time left.
 
     Of many settings, only those that are running, have stopped or failed.
     """
@@ -92,7 +110,7 @@ def table(jobs: Sequence[JobStatus]) -> Table:
     rows = Table("setting", "state", "stage", box=SIMPLE_HEAD, pad_edge=False)
     rows.add_column("spent", justify="right")
     rows.add_column("left", justify="right")
-    for job in jobs:
+    for job, parts in zip(jobs, own, strict=True):
         if len(jobs) > MAX_ROWS and job.state in ("complete", "missing"):
             continue
         current = job.current
@@ -100,7 +118,7 @@ def table(jobs: Sequence[JobStatus]) -> Table:
             printable(job.label),
             Text(job.state, COLORS.get(job.state, "")),
             _stage(current) if current else "",
-            duration(sum(part.state.seconds for part in job.parts)),
+            duration(sum(part.state.seconds for part in parts)),
             duration(status.seconds_left(job.parts, expected)) if current else "",
         )
     return rows
@@ -110,11 +128,11 @@ def _stage(part: StageStatus) -> str:
     return f"{part.name} {part.state.finished}/{part.state.total}" if part.state.total else part.name
 
 
-def summary(jobs: Sequence[JobStatus]) -> str:
-    """Numbers of settings by state, and total time spent and left."""
+def summary(jobs: Sequence[JobStatus], own: Sequence[Sequence[StageStatus]]) -> str:
+    """Numbers of settings by state, and total time spent and left, of each setting's `own_stages`."""
     counts = Counter(job.state for job in jobs)
     rest = [f"{count} {name}" for name, count in counts.items() if name != "complete"]
-    parts = status.distinct(jobs)
+    parts = [part for parts in own for part in parts]
     time = f"{duration(sum(part.state.seconds for part in parts))} spent"
     if rest:
         time += f", {duration(status.seconds_left(parts, status.typical(jobs)))} left, one job at a time"
