@@ -3,6 +3,7 @@
 It takes Hydra overrides. Hydra's launcher decides where the jobs of a sweep run.
 """
 
+import json
 import logging
 import os
 import shlex
@@ -14,7 +15,16 @@ import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from affmap.cli.app import SweepError, command, end_with_parent, flags, read_jobs, read_sweep, sigterm_ends_process
+from affmap.cli.app import (
+    MULTIRUN,
+    SweepError,
+    command,
+    end_with_parent,
+    flags,
+    read_jobs,
+    read_sweep,
+    sigterm_ends_process,
+)
 from affmap.config import sweep
 from affmap.config.compose import compose, num_workers
 from affmap.config.root import Config, plain
@@ -162,7 +172,9 @@ def _run_companions(jobs: Sweep) -> bool:
 def _launch(arguments: list[str]) -> list[str]:
     """Let Hydra run the jobs of a command line; returns an error of its launcher as a sentence, if there is one."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise exceptions rather than print them
-    original, sys.argv[1:] = sys.argv[1:], arguments
+    fixed = sweep.fixed_keys([each for each in arguments if each not in MULTIRUN])
+    named = f"hydra.job.config.override_dirname.exclude_keys={json.dumps(fixed)}"  # log lines name the others
+    original, sys.argv[1:] = sys.argv[1:], [*arguments, named]
     try:
         _job()
     except (HydraException, MachineError):  # a sentence already

@@ -245,6 +245,11 @@ def _keys(overrides: Sequence[str]) -> list[str]:
     return [override.key_or_group for override in parse(overrides)]
 
 
+def fixed_keys(overrides: Sequence[str]) -> list[str]:
+    """The keys and groups that have one value in all jobs of a command line."""
+    return [override.key_or_group for override in parse(overrides) if not override.is_sweep_override()]
+
+
 def is_sweep(overrides: Sequence[str]) -> bool:
     """Whether a command line has a sweep, be it one of a single job."""
     return any(override.is_sweep_override() for override in parse(overrides))

@@ -4,7 +4,7 @@ import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, Literal
 
 from pydantic_core import ErrorDetails
 
@@ -63,6 +63,16 @@ def printable(text: str) -> str:
 
 class PrintableFormatter(logging.Formatter):
     """Formats log messages, which may quote files and names of files, so that they do not control a terminal."""
+
+    def __init__(self, fmt: str, datefmt: str | None = None, style: Literal["%"] = "%", setting: str = "") -> None:
+        """Begin each message with the `setting` of the job that logs it, such as the values of swept keys."""
+        super().__init__(fmt, datefmt, style)
+        self._setting = setting
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802  # the name that `logging` calls
+        """The message with the setting."""
+        record.message = ": ".join(filter(None, [self._setting, record.getMessage()]))
+        return super().formatMessage(record)
 
     def format(self, record: logging.LogRecord) -> str:
         """The message as a printable text."""

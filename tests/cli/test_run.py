@@ -86,7 +86,7 @@ def test_a_sweep_completes_every_stage_once(swept: Path) -> None:
         for folder in folders:
             record = json.loads((folder / "provenance.json").read_text())
             assert record["digest"] == folder.name and record["stage"] == stage
-            assert record["command"].startswith("affmap ")
+            assert record["command"].startswith("affmap ") and "hydra.job" not in record["command"]
     assert {path.name for path in swept.iterdir()} == {"store", "output"}
 
 
@@ -98,6 +98,8 @@ def test_hydra_ran_the_jobs_that_were_checked(swept: Path) -> None:
     assert [config.model.context_size for config in jobs(swept, *SWEEP)] == [0, 1]
     logs = [path.read_text() for path in (swept / "output").rglob("affmap.log")]
     assert len(logs) == 2 and all("complete" in text for text in logs)
+    names = [{line[10:].partition(": ")[0] for line in text.splitlines()} for text in logs]
+    assert sorted(names, key=str) == [{f"model.context_size={c}"} for c in (0, 1)], "of each line"
 
 
 def test_the_tables_are_what_the_report_reads(swept: Path) -> None:

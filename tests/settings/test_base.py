@@ -5,8 +5,8 @@ import os
 import re
 from collections.abc import Iterator
 from copy import deepcopy
+from logging.config import DictConfigurator
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Annotated, Literal
 
 import pytest
@@ -15,6 +15,7 @@ from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_v
 
 from affmap import settings
 from affmap.settings import ConfigError, Folder, Neutral, Settings, folder
+from affmap.settings.messages import PrintableFormatter
 
 
 class Wheel(Settings):
@@ -255,5 +256,12 @@ def test_logs_show_text_from_files_as_text() -> None:
     formats = [each for path in paths for each in yaml.safe_load(path.read_text())["formatters"].values()]
     assert len(paths) == len(formats) == 2
     for each in formats:
-        kind = resolve_name(each["class"])
-        assert kind(each["format"], "-").format(record).endswith(r"\x1b[2J\u202e\udcff.ckpt is corrupted")
+        formatter = DictConfigurator({"version": 1}).configure_formatter(dict(each))
+        assert formatter.format(record).endswith(r"\x1b[2J\u202e\udcff.ckpt is corrupted")
+
+
+def test_log_lines_begin_with_the_setting_of_their_job() -> None:
+    """Also one with signs that formats know; none has no colon."""
+    record = logging.LogRecord("a", logging.INFO, "a.py", 1, "%d epochs", (50,), None)
+    assert PrintableFormatter("- %(message)s", setting="title=5%s").format(record) == "- title=5%s: 50 epochs"
+    assert PrintableFormatter("- %(message)s").format(record) == "- 50 epochs"
