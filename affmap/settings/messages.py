@@ -67,7 +67,7 @@ class PrintableFormatter(logging.Formatter):
     def __init__(self, fmt: str, datefmt: str | None = None, style: Literal["%"] = "%", setting: str = "") -> None:
         """Begin each message with the `setting` of the job that logs it, such as the values of swept keys."""
         super().__init__(fmt, datefmt, style)
-        self._setting = setting
+        self._setting = shorten(setting, 100)  # a search may try many values at once
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802  # the name that `logging` calls
         """The message with the setting."""
