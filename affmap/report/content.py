@@ -55,7 +55,7 @@ class Content:
         return alert(self.warning)
 
     def verdicts(self) -> str:
-        """Numbers of claims that hold, do not hold, and are not decided."""
+        """Numbers of claims that hold, do not hold, are not decided, and are not tested."""
         return escape(sentences.verdict_count(self.scores)) if self.scores else ""
 
     def summary(self) -> str:
