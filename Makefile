@@ -36,10 +36,10 @@ $(TOOLS): EXTRAS := [dev,docs]
 $(VENV)-bench/.ready: CONTENT := affmap and the libraries that it is timed beside
 $(VENV)-bench/.ready: MORE := --no-deps --requirement tests/benchmarks/requirements.txt
 $(VENV)-bench/.ready: tests/benchmarks/requirements.txt
-$(VENV)-slow/.ready: CONTENT := affmap, launchers of clusters and Stable-Baselines3
-$(VENV)-slow/.ready: EXTRAS := [dev,ray,rl,slurm]
-# Ray's launcher wants older versions of these, which no number depends on.
-$(VENV)-slow/.ready: UNPINNED := cloudpickle|joblib|python-dateutil
+$(VENV)-slow/.ready: CONTENT := affmap, launchers of clusters, loggers, Optuna and Stable-Baselines3
+$(VENV)-slow/.ready: EXTRAS := [dev,mlflow,optuna,ray,rl,slurm,trackio,wandb]
+# Ray's launcher and Trackio want older versions of these, which no number depends on.
+$(VENV)-slow/.ready: UNPINNED := cloudpickle|joblib|pillow|python-dateutil
 
 # An environment that is made here has the mark .ours, and .unfinished while packages are installed into it: after an
 # interruption it is made anew (pip caches). One of the user's own is completed and never removed.
@@ -93,7 +93,7 @@ docs: $(TOOLS)  ## build the documentation: build/site/index.html
 test: $(TOOLS)  ## run the tests, a process on each core
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses logical --maxprocesses 8 --dist loadfile $(ARGS)
 
-slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters (Ray, submitit, a stand-in of SLURM); train PPO
+slow: $(VENV)-slow/.ready  ## run sweeps through launchers of clusters, loggers and Optuna; train PPO
 	$(VENV)-slow/bin/python -m pytest -m slow
 
 check: $(TOOLS)  ## lint, format, types, import graph; files of the published run against their digests

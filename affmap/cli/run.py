@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from affmap.cli.app import SweepError, command, end_with_parent, flags, read_sweep, sigterm_ends_process
 from affmap.config import sweep
 from affmap.config.root import Config, plain
-from affmap.config.search import IRRELEVANT, Search
+from affmap.config.search import IRRELEVANT, OtherSearch, Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
 from affmap.pipeline.job import (
@@ -57,7 +57,9 @@ def _check(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    if search := Search.read(arguments):
+    if other := OtherSearch.read(arguments):
+        _run_other_search(other)
+    elif search := Search.read(arguments):
         _run_search(search)
     else:
         _run_sweep(read_sweep(arguments))
@@ -83,6 +85,19 @@ def _run_search(search: Search) -> None:
     if problem:
         raise SweepError("\n".join([*problem, "Run the same command again to resume."]))
     print(f"{search.config.name}: the search is complete; affmap-report {shlex.join(sys.argv[1:])} draws it.")
+
+
+def _run_other_search(search: OtherSearch) -> None:
+    """Let another sweeper of Hydra's search; its stages are kept as those of any job.
+
+    Raises:
+        SweepError: it has failed.
+    """
+    check_output(search.config.output, ())
+    check_logger(search.config)
+    if problem := _launch(["-m", *search.overrides]):
+        raise SweepError("\n".join(problem))
+    print(f"{search.config.name}: the search is complete; {search.folder} holds what {search.sweeper} has found.")
 
 
 def _run_sweep(jobs: Sweep) -> None:

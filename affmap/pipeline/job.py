@@ -12,7 +12,7 @@ from affmap.config.sweep import Sweep
 from affmap.control.registry import is_learned
 from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
-from affmap.settings.messages import ConfigError
+from affmap.settings import ConfigError, missing
 from affmap.store.provenance import canonical
 from affmap.store.stage import Stage
 from affmap.store.store import Store
@@ -115,11 +115,8 @@ def check_logger(config: Config) -> None:
     Raises:
         MachineError: it is not.
     """
-    if config.logger == "tensorboard" and not find_spec("tensorboard"):
-        raise MachineError(
-            "logger = 'tensorboard' needs a package that is not installed: pip install 'affmap[tensorboard]', or say "
-            "logger=csv."
-        )
+    if config.logger != "csv" and not find_spec(config.logger):
+        raise MachineError(f"{missing(f'logger = {config.logger!r}', config.logger)}, or say logger=csv.")
 
 
 def check_report(sweep: Sweep) -> None:

@@ -2,6 +2,8 @@ from .base import Neutral as Neutral
 from .base import Settings as Settings
 from .base import folder as folder
 from .base import read as read
+from .extras import missing as missing
+from .extras import requirements as requirements
 from .messages import ConfigError as ConfigError
 from .types import NAME as NAME
 from .types import Count as Count

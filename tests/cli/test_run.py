@@ -447,18 +447,19 @@ def test_losses_go_to_tensorboard_where_that_is_asked_for(
         )  # others may have added some
     boards = {path.name for path in (tmp_path / "output" / "tensorboard").iterdir()}
     trained = {config.model.context_size: TRAIN.of(config).digest for config in jobs(tmp_path, *SWEEP)}
-    assert boards == {f"context{size}_{digest}" for size, digest in trained.items()}
+    assert boards == {f"context size {size}, {digest[:8]}" for size, digest in trained.items()}
 
 
 @pytest.mark.parametrize("asked", [SWEEP, ["search=training", "hydra.sweeper.num_trials=1"]], ids=["sweep", "search"])
-def test_a_missing_tensorboard_is_reported_before_anything_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str]
+@pytest.mark.parametrize("logger", ["tensorboard", "wandb", "mlflow", "trackio"])
+def test_a_missing_logger_is_reported_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str], logger: str
 ) -> None:
     """One sentence with the remedy."""
     monkeypatch.setattr(affmap.pipeline.job, "find_spec", lambda name: None)
-    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), "logger=tensorboard"]) == 2
+    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), f"logger={logger}"]) == 2
     message = capsys.readouterr().err
-    assert message.count("\n") == 1 and "pip install 'affmap[tensorboard]'" in message and "logger=csv" in message
+    assert re.fullmatch(rf"logger = '{logger}' needs .*: pip install \"{logger}.*\", or say logger=csv\.\n", message)
     assert not list(tmp_path.rglob("*"))
 
 
