@@ -4,6 +4,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from affmap.settings import extras
 
@@ -14,8 +15,8 @@ EXTRAS = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(
 
 @pytest.mark.parametrize("extra", EXTRAS)
 def test_the_requirements_of_an_extra_are_those_of_the_project(extra: str) -> None:
-    """As the installed package says, in any order and case."""
-    assert {each.lower() for each in extras.requirements(extra)} == {each.lower() for each in EXTRAS[extra]}
+    """As the installed package says, in any order and spelling."""
+    assert {*map(Requirement, extras.requirements(extra))} == {*map(Requirement, EXTRAS[extra])}
 
 
 def test_a_missing_extra_is_told_with_a_command_that_names_its_packages(monkeypatch: pytest.MonkeyPatch) -> None:
