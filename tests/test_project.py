@@ -136,8 +136,12 @@ def test_every_package_of_an_extra_but_those_of_clusters_is_pinned() -> None:
             assert re.sub(r"[-_.]+", "-", package).lower() in pinned, package
 
 
+CPU_BUILDS = "--extra-index-url https://download.pytorch.org/whl/cpu"
+"""PyTorch's own address for builds that pip would not find elsewhere."""
+
+
 def test_no_file_names_a_registry() -> None:
-    """Where packages come from is the user's choice."""
+    """Where packages come from is the user's choice, but for PyTorch's build in the instructions to install."""
     for name in (
         "Dockerfile",
         ".github/workflows/test.yml",
@@ -146,7 +150,8 @@ def test_no_file_names_a_registry() -> None:
         "constraints.txt",
         *DOCUMENTS,
     ):
-        assert not re.search(r"index-url|--index|pypi\.org|pytorch\.org", text(name)), name
+        content = text(name).replace(CPU_BUILDS, "") if name in ("README.md", "docs/install.md") else text(name)
+        assert not re.search(r"index-url|--index|pypi\.org|pytorch\.org", content), name
 
 
 PROGRAM = """#!/bin/sh
@@ -235,6 +240,35 @@ def test_every_target_runs_commands_that_tests_run(
     assert commands or target in ("help", "setup", "clean")
     for command in commands:
         assert TESTED.keys() & {*command.split()}, command
+
+
+def calls(folder: Path) -> list[str]:
+    """Calls that programs have noted since the last time, without what makes no difference to a result."""
+    noted = (folder / "calls").read_text().replace(" --quiet --editable", " --editable").splitlines()
+    (folder / "calls").unlink()
+    return [
+        re.sub(r"^program|-W ignore | --quiet(?= torch)| scale=full| models=train", "", each)
+        .replace("-m venv", "python -m venv")
+        .strip()
+        for each in noted
+        if not re.search(r" -c | --version", each)
+    ]
+
+
+def test_commands_for_systems_without_make_are_those_of_make(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    """The installation line by line, and each row of the table of targets, against what make calls."""
+    page = text("docs/install.md")
+    (shell,) = re.findall(r"^```powershell\n(.+?)^```", page, re.MULTILINE | re.DOTALL)
+    typed = re.findall(r"^(python .+?)(?:  +#.*)?$", shell.replace('"', ""), re.MULTILINE)
+    assert make(".venv/.ready-tools").returncode == 0
+    assert typed == [*dict.fromkeys(calls(tmp_path))]
+    rows = re.findall(r"^\| `make (.+?)` \| (.+?) \|$", page, re.MULTILINE)
+    assert len(rows) > 5
+    for line, commands in rows:
+        assert make(*line.split()).returncode == 0
+        assert re.findall(r"`(.+?)`", commands) == calls(tmp_path), line
 
 
 def test_tests_that_run_targets_are_there() -> None:
