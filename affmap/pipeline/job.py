@@ -102,6 +102,11 @@ def check_models(config: Config) -> None:
         ConfigError: it lacks them.
     """
     stage = TRAIN.of(config)
+    if config.models == "reference" and not config.reference.exists():
+        raise ConfigError(
+            f"{config.reference} does not exist; a clone of the repository has it. Run the command there, or train the "
+            "models with models=train."
+        )
     if config.models == "reference" and not Store(config.reference).has(stage):
         raise ConfigError(
             f"{config.reference} holds no models of this configuration (stage train, {stage.digest}); "

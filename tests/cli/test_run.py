@@ -249,8 +249,13 @@ def test_a_mistake_on_a_real_command_line(tmp_path: Path) -> None:
 
 
 def test_without_reference_models_there_is_nothing_to_control(tmp_path: Path) -> None:
-    """`models=reference` never trains."""
+    """`models=reference` never trains, with a reference run of other models, or without one."""
     (config,) = jobs(tmp_path, "models=reference")
+    with pytest.raises(
+        ConfigError, match=r"reference does not exist; a clone of the repository has it\. .* models=train"
+    ):
+        pipeline.run(config)
+    config.reference.mkdir()
     with pytest.raises(ConfigError, match=r"reference holds no models of this configuration .* models=train"):
         pipeline.run(config)
     assert not list((tmp_path / "store").glob("train/*/weights.safetensors"))
@@ -319,9 +324,10 @@ def test_trials_are_not_flown(
 def test_validation_takes_no_other_models_than_those_asked_for(tmp_path: Path) -> None:
     """The reference run has none of these trials."""
     (config,) = jobs(tmp_path, *TRIALS, "models=reference")
+    config.reference.mkdir()
     with pytest.raises(ConfigError, match="reference holds no models of this configuration"):
         pipeline.validation(config)
-    assert not list(tmp_path.iterdir())
+    assert [*tmp_path.iterdir()] == [config.reference]
 
 
 def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
