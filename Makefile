@@ -9,6 +9,7 @@ ARGS ?=
 
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+TOOLS := $(VENV)/.ready-tools
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
 EXPERIMENTS := $(patsubst affmap/experiments/%/claims.py,%,$(sort $(wildcard affmap/experiments/*/claims.py)))
@@ -25,28 +26,38 @@ help:  ## list the targets
 	@echo "Settings: SCALE=full|smoke MODELS=train|reference JOBS=<jobs at once; default: one a core> ARGS='<Hydra overrides>'"
 	@echo "          VENV=<folder> PYTHON=<interpreter, 3.11 to 3.13>"
 
-setup: $(READY)  ## create the virtual environment
+setup: $(READY)  ## create the virtual environment, with what experiments need
 
-$(READY): EXTRAS := [dev,docs]
+$(TOOLS): $(READY)
+$(READY): CONTENT := affmap, PyTorch and the packages they need
+$(READY): EXTRAS :=
+$(TOOLS): CONTENT := tools for tests, checks and documentation
+$(TOOLS): EXTRAS := [dev,docs]
+$(VENV)-bench/.ready: CONTENT := affmap and the libraries that it is timed beside
 $(VENV)-bench/.ready: MORE := --no-deps --requirement tests/benchmarks/requirements.txt
 $(VENV)-bench/.ready: tests/benchmarks/requirements.txt
-$(VENV)-slow/.ready: EXTRAS := [dev,ray,rl,slurm]
-# Ray's launcher wants older versions of these, which no number depends on.
-$(VENV)-slow/.ready: UNPINNED := cloudpickle|joblib|python-dateutil
+$(VENV)-slow/.ready: CONTENT := affmap, launchers of clusters, loggers, Optuna and Stable-Baselines3
+$(VENV)-slow/.ready: EXTRAS := [dev,mlflow,optuna,ray,rl,slurm,trackio,wandb]
+# Ray's launcher and Trackio want older versions of these, which no number depends on.
+$(VENV)-slow/.ready: UNPINNED := cloudpickle|joblib|pillow|python-dateutil
 
-# An environment that is made here is marked until it is finished: after an interruption it is made anew (pip caches).
+# An environment that is made here has the mark .ours, and .unfinished while packages are installed into it: after an
+# interruption it is made anew (pip caches). One of the user's own is completed and never removed.
 # torch first and pinned: asked for later, a larger build of it may be chosen. The constraints hold for builds, too.
-$(READY) $(VENV)-bench/.ready $(VENV)-slow/.ready: pyproject.toml constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "affmap needs Python 3.11 to 3.13: make PYTHON=...")'
-	test ! -e $(@D)/.unfinished || find $(@D) -mindepth 1 ! -path $(@D)/.unfinished -delete
-	test -e $(@D) || { mkdir -p $(@D) && touch $(@D)/.unfinished; }
-	$(@D)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv $(@D)
-	grep -vE '^($(UNPINNED))==' constraints.txt > $(@D)/constraints.txt
-	export PIP_CONSTRAINT=$(@D)/constraints.txt PIP_BUILD_CONSTRAINT=$(@D)/constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
+$(READY) $(TOOLS) $(VENV)-bench/.ready $(VENV)-slow/.ready: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "affmap needs Python 3.11 to 3.13: make PYTHON=...")'
+	@echo "Installing into $(@D): $(CONTENT). This takes some minutes, once."
+	@test ! -e $(@D)/.unfinished || find $(@D) -mindepth 1 ! -path $(@D)/.ours ! -path $(@D)/.unfinished -delete
+	@test -e $(@D) || { mkdir -p $(@D) && touch $(@D)/.ours; }
+	@test ! -e $(@D)/.ours || touch $(@D)/.unfinished
+	@rm -f $(@D)/.ready
+	@$(@D)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv $(@D)
+	@grep -vE '^($(UNPINNED))==' constraints.txt > $(@D)/constraints.txt
+	@export PIP_CONSTRAINT=$(@D)/constraints.txt PIP_BUILD_CONSTRAINT=$(@D)/constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 && \
 	$(@D)/bin/python -m pip install --quiet torch && \
 	$(@D)/bin/python -m pip install --quiet --editable '.$(EXTRAS)' $(if $(MORE),&& $(@D)/bin/python -m pip install --quiet $(MORE))
-	rm -f $(@D)/.unfinished
-	touch $@
+	@rm -f $(@D)/.unfinished
+	@touch $(@D)/.ready $@
 
 lookups:  ## control with the affordance map and with exact look-ups compared (a few minutes; after exp1)
 factors: $(FACTORS)  ## one factor at a time: what decides the claims that do not hold? (half an hour; after paper)
@@ -75,24 +86,24 @@ bench: $(VENV)-bench/.ready  ## speed beside other libraries, in an environment 
 gpu: $(READY)  ## an NVIDIA card beside the CPU: the same results, and speed (a few minutes; needs torch built for CUDA)
 	$(BIN)/python -W ignore tests/benchmarks/gpu.py $(ARGS)
 
-docs: $(READY)  ## build the documentation: build/site/index.html
+docs: $(TOOLS)  ## build the documentation: build/site/index.html
 	$(BIN)/python -W ignore -m mkdocs build --strict --quiet
 	@echo "The documentation is build/site/index.html"
 
-test: $(READY)  ## run the tests, a process on each core
+test: $(TOOLS)  ## run the tests, a process on each core
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses logical --maxprocesses 8 --dist loadfile $(ARGS)
 
-slow: $(VENV)-slow/.ready  ## run sweeps through the launchers of clusters (Ray, submitit, a stand-in of SLURM); train PPO
+slow: $(VENV)-slow/.ready  ## run sweeps through launchers of clusters, loggers and Optuna; train PPO
 	$(VENV)-slow/bin/python -m pytest -m slow
 
-check: $(READY)  ## lint, format, types, import graph; files of the published run against their digests
+check: $(TOOLS)  ## lint, format, types, import graph; files of the published run against their digests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/affmap-publish --check
 
-format: $(READY)  ## format the code
+format: $(TOOLS)  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 

@@ -26,6 +26,7 @@ from affmap.model.registry import GRUSettings, MLPSettings
 from affmap.model.stack import ModelSettings, Stack
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
+from affmap.training.boards.tensorboard import TensorBoard
 from affmap.training.fit import fit
 from affmap.training.settings import TrainingSettings
 from affmap.view import view
@@ -146,7 +147,8 @@ def test_a_default_dtype_changes_no_training(
         folder = tmp_path / name
         (folder / "checkpoints").mkdir(parents=True)
         model = Stack(ModelSettings.load("model", "default", context_size=3, transition=transition), 1, (7, 7))
-        fit(model, DataModule(dataset, EXPLORATION, 2, 5), settings, folder, folder / "checkpoints", board=folder)
+        data, board = DataModule(dataset, EXPLORATION, 2, 5), TensorBoard(folder)
+        fit(model, data, settings, folder, folder / "checkpoints", board=board)
         return [
             pd.read_csv(folder / "validation.csv").to_numpy(),
             *(each.numpy() for each in model.state_dict().values()),

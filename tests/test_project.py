@@ -136,8 +136,12 @@ def test_every_package_of_an_extra_but_those_of_clusters_is_pinned() -> None:
             assert re.sub(r"[-_.]+", "-", package).lower() in pinned, package
 
 
+CPU_BUILDS = "--extra-index-url https://download.pytorch.org/whl/cpu"
+"""PyTorch's own address for builds that pip would not find elsewhere."""
+
+
 def test_no_file_names_a_registry() -> None:
-    """Where packages come from is the user's choice."""
+    """Where packages come from is the user's choice, but for PyTorch's build in the instructions to install."""
     for name in (
         "Dockerfile",
         ".github/workflows/test.yml",
@@ -146,7 +150,8 @@ def test_no_file_names_a_registry() -> None:
         "constraints.txt",
         *DOCUMENTS,
     ):
-        assert not re.search(r"index-url|--index|pypi\.org|pytorch\.org", text(name)), name
+        content = text(name).replace(CPU_BUILDS, "") if name in ("README.md", "docs/install.md") else text(name)
+        assert not re.search(r"index-url|--index|pypi\.org|pytorch\.org", content), name
 
 
 PROGRAM = """#!/bin/sh
@@ -160,6 +165,8 @@ case "$*" in
     test -e "${0%/*}/pip" || exit 1
     case "$*" in
       *" torch") test ! -e stop-torch || { touch "${0%/*}/../half"; kill -INT 0; sleep 9; } ;;
+      *"[dev,docs]"*)
+        test ! -e stop-tools || { rm "${0%/*}/affmap"; touch "${0%/*}/../half"; kill -INT 0; sleep 9; } ;;
       *"--editable"*) test ! -e stop-package || { touch "${0%/*}/../half"; kill -INT 0; sleep 9; } ;;
     esac ;;
 esac
@@ -212,18 +219,56 @@ TESTED = {
 """A word of a command of the Makefile -> the tests that run it at toy size, or `.ci/run`, which runs its target."""
 
 
+TOOLS = {"mkdocs", "pytest", "ruff", "mypy", "lint-imports"}
+"""Programs of the extras [dev] and [docs], which experiments do without."""
+
+
 @pytest.mark.parametrize("target", every_target())
 def test_every_target_runs_commands_that_tests_run(
     make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path, target: str
 ) -> None:
-    """The shell's part of each recipe is run as it stands."""
+    """The shell's part of each recipe is run as it stands; extras are installed where a command needs them."""
     result = make(target)
     assert result.returncode == 0, result.stderr
     calls = (tmp_path / "calls").read_text().splitlines() if (tmp_path / "calls").exists() else []
     commands = [call for call in calls if not re.match(r"program |python (-m pip|-c) ", call)]
+    extras = {
+        extra for call in calls for names in re.findall(r"--editable \.\[(.+)\]", call) for extra in names.split(",")
+    }
+    assert ("dev" in extras) == any(word in TOOLS for each in commands for word in each.split())
+    assert ("docs" in extras) == ("dev" in extras and target != "slow")
     assert commands or target in ("help", "setup", "clean")
     for command in commands:
         assert TESTED.keys() & {*command.split()}, command
+
+
+def calls(folder: Path) -> list[str]:
+    """Calls that programs have noted since the last time, without what makes no difference to a result."""
+    noted = (folder / "calls").read_text().replace(" --quiet --editable", " --editable").splitlines()
+    (folder / "calls").unlink()
+    return [
+        re.sub(r"^program|-W ignore | --quiet(?= torch)| scale=full| models=train", "", each)
+        .replace("-m venv", "python -m venv")
+        .strip()
+        for each in noted
+        if not re.search(r" -c | --version", each)
+    ]
+
+
+def test_commands_for_systems_without_make_are_those_of_make(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    """The installation line by line, and each row of the table of targets, against what make calls."""
+    page = text("docs/install.md")
+    (shell,) = re.findall(r"^```powershell\n(.+?)^```", page, re.MULTILINE | re.DOTALL)
+    typed = re.findall(r"^(python .+?)(?:  +#.*)?$", shell.replace('"', ""), re.MULTILINE)
+    assert make(".venv/.ready-tools").returncode == 0
+    assert typed == [*dict.fromkeys(calls(tmp_path))]
+    rows = re.findall(r"^\| `make (.+?)` \| (.+?) \|$", page, re.MULTILINE)
+    assert len(rows) > 5
+    for line, commands in rows:
+        assert make(*line.split()).returncode == 0
+        assert re.findall(r"`(.+?)`", commands) == calls(tmp_path), line
 
 
 def test_tests_that_run_targets_are_there() -> None:
@@ -266,6 +311,24 @@ def test_a_first_make_that_was_interrupted_is_healed_by_the_same_command(
     assert "is up to date" in make(target).stdout
 
 
+@pytest.mark.parametrize("target", ["setup", "test"])
+def test_an_environment_whose_tools_were_interrupted_is_made_anew(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path, target: str
+) -> None:
+    """Ctrl-C while pip replaces the package by one with extras: experiments and tests find everything afterwards."""
+    assert make("setup").returncode == 0
+    (tmp_path / "stop-tools").touch()
+    assert make("test").returncode != 0
+    assert not (tmp_path / ".venv/bin/affmap").exists()
+    (tmp_path / "stop-tools").unlink()
+    result = make(target)
+    assert result.returncode == 0, result.stderr
+    assert "Installing into .venv: " in result.stdout and "some minutes" in result.stdout
+    assert (tmp_path / ".venv/bin/affmap").exists() and not (tmp_path / ".venv/half").exists()
+    assert (tmp_path / ".venv/.ready-tools").exists() == (target == "test")
+    assert "Installing" not in make(target).stdout
+
+
 def test_an_environment_of_the_user_s_own_is_completed_and_never_removed(
     make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
 ) -> None:
@@ -278,3 +341,8 @@ def test_an_environment_of_the_user_s_own_is_completed_and_never_removed(
     (tmp_path / "stop-package").unlink()
     assert make("setup", "VENV=mine").returncode == 0
     assert (tmp_path / "mine/package").is_dir() and (tmp_path / "mine/.ready").is_file()
+    (tmp_path / "stop-tools").touch()
+    assert make("check", "VENV=mine").returncode != 0
+    (tmp_path / "stop-tools").unlink()
+    assert make("check", "VENV=mine").returncode == 0
+    assert (tmp_path / "mine/package").is_dir() and (tmp_path / "mine/.ready-tools").is_file()

@@ -28,7 +28,7 @@ from affmap.cli.app import (
 from affmap.config import sweep
 from affmap.config.compose import compose, num_workers
 from affmap.config.root import Config, plain
-from affmap.config.search import IRRELEVANT, Search
+from affmap.config.search import IRRELEVANT, OtherSearch, Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
 from affmap.pipeline.job import (
@@ -71,7 +71,11 @@ def _check(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    jobs = read_jobs(arguments)
+    overrides = sweep.expand_folder(arguments)
+    if other := OtherSearch.read(overrides):
+        _run_other_search(other)
+        return
+    jobs = read_jobs(overrides)
     if isinstance(jobs, Search):
         _run_search(jobs)
     elif _run_sweep(jobs):
@@ -98,6 +102,19 @@ def _run_search(search: Search) -> None:
     if problem:
         raise SweepError("\n".join([*problem, "Run the same command again to resume."]))
     print(f"{search.config.name}: the search is complete.\n{_next(search.config)}")
+
+
+def _run_other_search(search: OtherSearch) -> None:
+    """Let another sweeper of Hydra's search; its stages are kept as those of any job.
+
+    Raises:
+        SweepError: it has failed.
+    """
+    check_output(search.config.output, ())
+    check_logger(search.config)
+    if problem := _launch(["-m", *search.overrides]):
+        raise SweepError("\n".join(problem))
+    print(f"{search.config.name}: the search is complete; {search.folder} holds what {search.sweeper} has found.")
 
 
 def _run_sweep(jobs: Sweep) -> bool:

@@ -4,14 +4,13 @@ import re
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib.metadata import requires
 from typing import Any
 
 from hydra.errors import OverrideParseException
 from omegaconf import OmegaConf
 
 from affmap.results.provenance import leaves
-from affmap.settings import ConfigError, folders, names, read
+from affmap.settings import ConfigError, folders, missing, names, read, requirements
 from affmap.settings.messages import alternatives, format_value, nearest, one_line, shorten
 
 
@@ -50,10 +49,10 @@ def _explain(error: Exception) -> str:
     if other := re.search(r"^Could not delete '(.+?)=(.*)'\. No match|value of '(.+)' is .* and not (.*)\.$", text):
         key, value = other[1] or other[3], other[2] or other[4]
         return f"{one_line(key)} is not {one_line(value)}, so it cannot be removed; leave the override out."
-    if launcher := re.search(r"Could not find 'hydra/launcher/(\w+)'|In 'hydra/launcher/(\w+)': Could not load", text):
-        extra = launcher[1] or launcher[2]
-        if package := _package_of(extra):
-            return f"hydra/launcher = {extra!r} needs {package}, which is not installed: pip install 'affmap[{extra}]'."
+    if plugin := re.search(r"Could not find '(hydra/\w+)/(\w+)'|In '(hydra/\w+)/(\w+)': Could not load", text):
+        group, name = plugin[1] or plugin[3], plugin[2] or plugin[4]
+        if requirements(name):
+            return f"{missing(f'{group} = {name!r}', name)}."
     if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
         path, group, options = choice.groups()
         name = path.removeprefix(f"{group}/")
@@ -138,12 +137,6 @@ def _options_with(key: str) -> list[str]:
         with suppress(ConfigError):  # of a file with another mistake
             options += [f"{group}={option}"] if name in read(group, option) else []
     return options
-
-
-def _package_of(extra: str) -> str | None:
-    """The package with Hydra's plugin that an extra of affmap installs; None where there is no such extra."""
-    found = (re.match(rf"(hydra-[\w-]+).* extra == .{extra}.$", each) for each in requires("affmap") or ())
-    return next((each[1] for each in found if each), None)
 
 
 def _nested(group: str) -> list[str]:

@@ -93,8 +93,8 @@ class Config(Settings):
     """Folder of the reference run's stages."""
     versions: Literal["same", "any"]
     """Whether stages made with other versions of packages may be used."""
-    logger: Literal["csv", "tensorboard"]
-    """Whether trainings are logged for TensorBoard; their tables are always written."""
+    logger: Literal["csv", "tensorboard", "wandb", "mlflow", "trackio"]
+    """Program that shows the losses of running trainings; csv for none, their tables are always written."""
     sweep: Mapping[Line, Choices]
     """The experiment's sweep: key -> values, as Hydra's sweeper takes them."""
     objective: Literal["validation_nll", "mean_distance", "success"] | None

@@ -1,7 +1,7 @@
 """From a command line to a search: its space, its objective and its folder. Runs nothing.
 
-Hydra's sweeper on hyperopt (`hydra/sweeper=hyperopt`) runs it. A search takes an experiment's configuration, but not
-its sweep.
+Hydra's sweeper on hyperopt (`hydra/sweeper=hyperopt`) runs it, or another one of Hydra's, such as Optuna's. A search
+takes an experiment's configuration, but not its sweep.
 """
 
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
 from affmap.config.compose import check, compose, overrides_parser, parse, values
@@ -34,8 +35,36 @@ IRRELEVANT = (
 """Keys that change no result of a trial, or its rounding only, such as those that the digests leave out."""
 
 
+class OtherSearch(NamedTuple):
+    """A search by another sweeper of Hydra's, which reads its space, and keeps its trials, in its own way."""
+
+    sweeper: str
+    """Option of `hydra/sweeper`."""
+    overrides: list[str]
+    config: Config
+    """Configuration of the trials, but for the searched keys."""
+    folder: Path
+    """Folder of the trials' logs and of the sweeper's result."""
+
+    @classmethod
+    def read(cls, arguments: Sequence[str]) -> "OtherSearch | None":
+        """The search of a command line; None where it asks for no other sweeper.
+
+        Raises:
+            ConfigError: it is invalid; the message says why.
+        """
+        overrides = parse(arguments)
+        fixed = _fixed(overrides)
+        composed = compose(fixed)
+        sweeper = composed.hydra.runtime.choices["hydra/sweeper"]
+        if sweeper in ("basic", "hyperopt"):
+            return None
+        lines = [str(each.input_line) for each in overrides]
+        return cls(sweeper, lines, _check(fixed), Path(composed.hydra.sweep.dir))
+
+
 class Search(NamedTuple):
-    """A search, as a command line describes it."""
+    """A search by the sweeper on hyperopt, as a command line describes it."""
 
     fixed: list[str]
     """Overrides of all trials, and Hydra's own."""
@@ -54,17 +83,20 @@ class Search(NamedTuple):
         """The search of a command line; None where it asks for none.
 
         Raises:
-            ConfigError: it is invalid; the message says why.
+            ConfigError: it is invalid, or another sweeper's; the message says why.
         """
+        if other := OtherSearch.read(arguments):
+            raise ConfigError(
+                f"hydra/sweeper = {other.sweeper!r} keeps its trials in its own way, which only affmap itself can run; "
+                "hydra/sweeper=hyperopt has progress and reports."
+            )
         overrides = parse(arguments)
-        fixed = [str(each.input_line) for each in overrides if not each.is_sweep_override()]
+        fixed = _fixed(overrides)
         composed = compose(fixed)
-        if composed.hydra.runtime.choices["hydra/sweeper"] != "hyperopt":
+        if composed.hydra.runtime.choices["hydra/sweeper"] == "basic":
             return None
-        config = check(fixed)
+        config = _check(fixed)
         settings = composed.hydra.sweeper
-        if config.objective is None:
-            raise ConfigError("a search needs an objective; say objective=validation_nll, mean_distance or success.")
         direction = "maximize" if config.objective == "success" else "minimize"
         if settings.direction.value != direction:
             raise ConfigError(f"objective={config.objective} needs hydra.sweeper.direction={direction}.")
@@ -123,6 +155,23 @@ class Search(NamedTuple):
                 if _relevant(stored) == _relevant(fixed):
                     return [*stored]
         return fixed
+
+
+def _fixed(overrides: Sequence[Override]) -> list[str]:
+    """Overrides of all trials."""
+    return [str(each.input_line) for each in overrides if not each.is_sweep_override()]
+
+
+def _check(fixed: Sequence[str]) -> Config:
+    """The configuration of a search's trials, but for the searched keys.
+
+    Raises:
+        ConfigError: a value is not allowed, or there is no objective.
+    """
+    config = check(fixed)
+    if config.objective is None:
+        raise ConfigError("a search needs an objective; say objective=validation_nll, mean_distance or success.")
+    return config
 
 
 def _relevant(overrides: Sequence[str]) -> dict[str, Any]:

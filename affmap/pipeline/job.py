@@ -12,7 +12,7 @@ from affmap.config.sweep import Sweep
 from affmap.control.registry import is_learned
 from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
-from affmap.settings.messages import ConfigError
+from affmap.settings import ConfigError, missing
 from affmap.store.provenance import canonical
 from affmap.store.stage import Stage
 from affmap.store.store import Store
@@ -102,6 +102,11 @@ def check_models(config: Config) -> None:
         ConfigError: it lacks them.
     """
     stage = TRAIN.of(config)
+    if config.models == "reference" and not config.reference.exists():
+        raise ConfigError(
+            f"{config.reference} does not exist; a clone of the repository has it. Run the command there, or train the "
+            "models with models=train."
+        )
     if config.models == "reference" and not Store(config.reference).has(stage):
         raise ConfigError(
             f"{config.reference} holds no models of this configuration (stage train, {stage.digest}); "
@@ -115,11 +120,8 @@ def check_logger(config: Config) -> None:
     Raises:
         MachineError: it is not.
     """
-    if config.logger == "tensorboard" and not find_spec("tensorboard"):
-        raise MachineError(
-            "logger = 'tensorboard' needs a package that is not installed: pip install 'affmap[tensorboard]', or say "
-            "logger=csv."
-        )
+    if config.logger != "csv" and not find_spec(config.logger):
+        raise MachineError(f"{missing(f'logger = {config.logger!r}', config.logger)}, or say logger=csv.")
 
 
 def check_report(sweep: Sweep) -> None:

@@ -1,6 +1,7 @@
 """The stage `train`: a stack of members, trained on the data."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from affmap.config.root import Config
 from affmap.data.collect import DATASET
@@ -8,7 +9,12 @@ from affmap.model.stack import Stack
 from affmap.model.weights import WEIGHTS, restore
 from affmap.pipeline.progress import track
 from affmap.pipeline.stage import TRAIN
+from affmap.results.provenance import leaves
+from affmap.results.setting import CONTEXT_SIZE, make_factor
 from affmap.store.attempt import Attempt
+
+if TYPE_CHECKING:
+    from affmap.training.boards import Board
 
 
 def make_models(config: Config, data: Path, attempt: Attempt) -> None:
@@ -28,11 +34,17 @@ def make_models(config: Config, data: Path, attempt: Attempt) -> None:
         fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, on_epoch, _board(config))
 
 
-def _board(config: Config) -> Path | None:
-    """TensorBoard's folder of a job's training, which other jobs may share."""
-    if config.logger != "tensorboard":
+def _board(config: Config) -> "Board | None":
+    """The board that shows a job's training, if there is one."""
+    if config.logger == "csv":
         return None
-    return config.output / "tensorboard" / f"context{config.model.context_size}_{TRAIN.of(config).digest}"
+    from affmap.training.boards import Training, open_board
+
+    stage = TRAIN.of(config)
+    values = leaves({**stage.config})
+    swept = [make_factor(key).format(values[key]) for key in config.sweep if key in values and key != CONTEXT_SIZE.key]
+    label = ", ".join([config.model.name, *swept, stage.digest[:8]]).replace("/", "-")
+    return open_board(config.logger, Training(config.name, label, stage.config, config.output))
 
 
 def untrained(config: Config) -> Stack:

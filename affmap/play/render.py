@@ -24,7 +24,7 @@ from affmap.env.vehicle import RENDER_FPS
 from affmap.model.lookup import AffordanceMap
 from affmap.model.palette import Palette
 from affmap.results.files import Trajectories
-from affmap.settings import ConfigError
+from affmap.settings import ConfigError, missing
 
 SCALE, HEAD, GAP = 160, 26, 8  # pixels: a unit, the line above a picture, between pictures
 SPACING = 0.02
@@ -113,9 +113,7 @@ def check(path: Path) -> None:
     if path.suffix not in (".gif", ".mp4"):
         raise ConfigError(f"--output {path} should end in .gif or .mp4.")
     if path.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
-        raise ConfigError(
-            f"--output {path}: videos need the extra [video], pip install 'affmap[video]'; .gif does not."
-        )
+        raise ConfigError(f"{missing(f'--output {path}', 'video')}; .gif needs none.")
     path.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(path.parent, os.W_OK):
         raise ConfigError(f"--output {path}: nothing can be written there.")

@@ -4,6 +4,8 @@ from .base import folder as folder
 from .base import folders as folders
 from .base import names as names
 from .base import read as read
+from .extras import missing as missing
+from .extras import requirements as requirements
 from .messages import ConfigError as ConfigError
 from .types import NAME as NAME
 from .types import Count as Count

@@ -7,7 +7,7 @@ import logging
 import signal
 import warnings
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,9 @@ from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.results.files import write_validation
 from affmap.store.files import atomic_write, guarded_read, sha256
+from affmap.training.boards import Board
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
-from affmap.training.tensorboard import Board
 
 log = logging.getLogger("affmap")
 
@@ -35,7 +35,7 @@ OnEpoch = Callable[[int, float], None]
 
 
 class _Epochs(Checkpoint):
-    """Writes snapshots, a checkpoint and losses for TensorBoard after each epoch, and reports progress.
+    """Writes snapshots, a checkpoint and losses for a board after each epoch, and reports progress.
 
     Lightning calls this kind of callback after the module's own hook, which stores the losses of the epoch. Snapshots
     are part of the checkpoint, so a single file holds everything that an interrupted training needs.
@@ -91,13 +91,13 @@ def fit(
     folder: Path,
     checkpoints: Path,
     on_epoch: OnEpoch = lambda epoch, validation_nll: None,
-    board: Path | None = None,
+    board: Board | None = None,
 ) -> None:
     """Train `stack` and write `weights.safetensors`, snapshots and `validation.csv` into `folder`.
 
     An interrupted training resumes from the checkpoint that each epoch leaves in the folder `checkpoints`, with the
-    same result (up to rounding on a GPU, which adds in no fixed order). `on_epoch` is called after each epoch.
-    TensorBoard finds the losses in the folder `board`, if one is given.
+    same result (up to rounding on a GPU, which adds in no fixed order). `on_epoch` is called after each epoch. `board`
+    shows the losses meanwhile, and is closed.
     """
     # Lightning logs advice, and warns of its own use of a renamed class of PyTorch and of data loaded without workers
     # (all data are in memory).
@@ -105,11 +105,11 @@ def fit(
     warnings.filterwarnings("ignore", message=".*LeafSpec.* is deprecated")
     warnings.filterwarnings("ignore", message=".*does not have many workers")
     module = TrainingModule(stack, settings)
-    with Board(board) if board else nullcontext() as writer:
-        epochs = _Epochs(checkpoints, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch, writer)
+    with closing(board) if board else nullcontext():
+        epochs = _Epochs(checkpoints, {*settings.snapshot_epochs, settings.num_epochs}, on_epoch, board)
         _train(module, data, checkpoints, epochs)
-        if writer:  # nothing is left to train if the last epoch was complete before an interruption
-            writer.show(module, settings.num_epochs)
+        if board:  # nothing is left to train if the last epoch was complete before an interruption
+            board.show(module, settings.num_epochs)
     for epoch, weights in epochs.snapshots.items():
         save(weights, folder / SNAPSHOT.format(epoch=f"{epoch:03d}"))
     save(copy(stack), folder / WEIGHTS)

@@ -293,8 +293,13 @@ def test_a_mistake_on_a_real_command_line(tmp_path: Path) -> None:
 
 
 def test_without_reference_models_there_is_nothing_to_control(tmp_path: Path) -> None:
-    """`models=reference` never trains."""
+    """`models=reference` never trains, with a reference run of other models, or without one."""
     (config,) = jobs(tmp_path, "models=reference")
+    with pytest.raises(
+        ConfigError, match=r"reference does not exist; a clone of the repository has it\. .* models=train"
+    ):
+        pipeline.run(config)
+    config.reference.mkdir()
     with pytest.raises(ConfigError, match=r"reference holds no models of this configuration .* models=train"):
         pipeline.run(config)
     assert not list((tmp_path / "store").glob("train/*/weights.safetensors"))
@@ -363,9 +368,10 @@ def test_trials_are_not_flown(
 def test_validation_takes_no_other_models_than_those_asked_for(tmp_path: Path) -> None:
     """The reference run has none of these trials."""
     (config,) = jobs(tmp_path, *TRIALS, "models=reference")
+    config.reference.mkdir()
     with pytest.raises(ConfigError, match="reference holds no models of this configuration"):
         pipeline.validation(config)
-    assert not list(tmp_path.iterdir())
+    assert [*tmp_path.iterdir()] == [config.reference]
 
 
 def test_the_error_of_look_ups_is_that_along_each_run(swept: Path) -> None:
@@ -491,18 +497,19 @@ def test_losses_go_to_tensorboard_where_that_is_asked_for(
         )  # others may have added some
     boards = {path.name for path in (tmp_path / "output" / "tensorboard").iterdir()}
     trained = {config.model.context_size: TRAIN.of(config).digest for config in jobs(tmp_path, *SWEEP)}
-    assert boards == {f"context{size}_{digest}" for size, digest in trained.items()}
+    assert boards == {f"context size {size}, {digest[:8]}" for size, digest in trained.items()}
 
 
 @pytest.mark.parametrize("asked", [SWEEP, ["search=training", "hydra.sweeper.num_trials=1"]], ids=["sweep", "search"])
-def test_a_missing_tensorboard_is_reported_before_anything_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str]
+@pytest.mark.parametrize("logger", ["tensorboard", "wandb", "mlflow", "trackio"])
+def test_a_missing_logger_is_reported_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str], logger: str
 ) -> None:
     """One sentence with the remedy."""
     monkeypatch.setattr(affmap.pipeline.job, "find_spec", lambda name: None)
-    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), "logger=tensorboard"]) == 2
+    assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), f"logger={logger}"]) == 2
     message = capsys.readouterr().err
-    assert message.count("\n") == 1 and "pip install 'affmap[tensorboard]'" in message and "logger=csv" in message
+    assert re.fullmatch(rf"logger = '{logger}' needs .*: pip install \"{logger}.*\", or say logger=csv\.\n", message)
     assert not list(tmp_path.rglob("*"))
 
 

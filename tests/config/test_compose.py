@@ -1,6 +1,7 @@
 """Composition of files that somebody adds to `conf`: mistakes in them are told with the file."""
 
 import re
+import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from affmap.config import sweep
 from affmap.settings import ConfigError
 
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))["project"]
 MINE = "name: mine\ntitle: Mine\n"
 
 
@@ -137,12 +139,21 @@ def test_overrides_of_no_key_are_told_in_sentences_of_ours(override: str, senten
     assert told(override) == sentence
 
 
-@pytest.mark.parametrize(("launcher", "package"), [("ray", "hydra-ray-launcher"), ("slurm", "hydra-submitit-launcher")])
-def test_a_launcher_whose_package_is_not_installed_names_the_extra(launcher: str, package: str) -> None:
-    """By pyproject.toml; Hydra lists the launchers that are there."""
+@pytest.mark.parametrize(
+    ("option", "package"),
+    [
+        ("hydra/launcher=ray", "hydra-ray-launcher"),
+        ("hydra/launcher=slurm", "hydra-submitit-launcher"),
+        ("hydra/sweeper=optuna", "hydra-optuna-sweeper"),
+    ],
+)
+def test_a_plugin_that_is_not_installed_is_named(option: str, package: str) -> None:
+    """By pyproject.toml; Hydra lists the plugins that are there."""
     if find_spec(f"hydra_plugins.{package.replace('-', '_')}"):
         pytest.skip("it is installed")
-    assert told(f"hydra/launcher={launcher}") == (
-        f"hydra/launcher = {launcher!r} needs {package}, which is not installed: pip install 'affmap[{launcher}]'."
-    )
-    assert "'nope' does not exist; there are: basic," in told("hydra/launcher=nope")
+    group, _, name = option.partition("=")
+    requirement, *rest = PROJECT["optional-dependencies"][name]
+    assert requirement.startswith(package)
+    command = " ".join(f'"{each}"' for each in (requirement, *rest))
+    assert told(option) == f"{group} = {name!r} needs a package that is not installed: pip install {command}."
+    assert "'nope' does not exist; there are: basic," in told(f"{group}=nope")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from commands import TINY, command, in_process, jobs, line
 
 from affmap import pipeline
@@ -242,3 +243,49 @@ def test_a_report_needs_trials(
     assert "holds no trials with a result; run `affmap`" in capsys.readouterr().err
     assert in_process(monkeypatch, "affmap-publish", arguments) == 2
     assert "not to be published: PARTIAL: 0 of 60 trials are complete." in capsys.readouterr().err
+
+
+OPTUNA = [
+    "hydra/sweeper=optuna",
+    "hydra.sweeper.n_jobs=2",
+    "hydra.sweeper.study_name=rates",
+    "hydra.sweeper.storage=sqlite:///study.db",
+    "training.transition_lr=tag(log,interval(1e-4,1e-1))",
+    "model.context_size=1",
+    "compiled=false",
+]
+
+
+@pytest.mark.slow
+def test_optuna_searches_and_resumes(tmp_path: Path) -> None:
+    """By the console script: the trials in Optuna's own storage are those of the jobs, each with the result that it has
+    alone, and the best one is the sweeper's; a second call adds to them."""
+    optuna = pytest.importorskip("optuna")
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    for count in (2, 4):
+        result = command(tmp_path, *OPTUNA, "objective=validation_nll", "hydra.sweeper.n_trials=2")
+        assert result.returncode == 0, result.stdout + result.stderr
+        assert "the search is complete" in result.stdout
+        assert len(list((tmp_path / "store/train").iterdir())) == count
+    study = optuna.load_study(study_name="rates", storage=f"sqlite:///{tmp_path / 'study.db'}")
+    assert len(study.trials) == 4
+    for trial in study.trials:
+        rate = trial.params["training.transition_lr"]
+        (alone,) = pipeline.validation(single(tmp_path, f"training.transition_lr={rate}"))
+        assert trial.value == pytest.approx(alone)
+    best = yaml.safe_load((tmp_path / "output/jobs/optimization_results.yaml").read_text())
+    assert best == {"name": "optuna", "best_params": study.best_params, "best_value": study.best_value}
+
+
+@pytest.mark.slow
+def test_what_optuna_s_searches_lack_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An objective before anything runs; reports, which are of searches by the sweeper on hyperopt."""
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    monkeypatch.chdir(tmp_path)
+    assert in_process(monkeypatch, "affmap", line(tmp_path, *OPTUNA)) == 2
+    assert "a search needs an objective; say objective=validation_nll" in capsys.readouterr().err
+    assert in_process(monkeypatch, "affmap-report", line(tmp_path, *OPTUNA, "objective=success")) == 2
+    assert "hydra/sweeper = 'optuna' keeps its trials in its own way" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

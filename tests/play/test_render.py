@@ -108,4 +108,4 @@ def test_a_video_without_its_package_is_told(
 ) -> None:
     monkeypatch.setattr(film, "find_spec", lambda _: None)
     assert render(monkeypatch, "--output", "flight.mp4") == 2
-    assert "pip install 'affmap[video]'" in capsys.readouterr().err
+    assert 'pip install "imageio[ffmpeg]>=2.35"; .gif needs none.' in capsys.readouterr().err

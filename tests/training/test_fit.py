@@ -25,6 +25,7 @@ from affmap.model.weights import copy, restore, save
 from affmap.random import generator
 from affmap.results.files import read_validation
 from affmap.settings import ConfigError
+from affmap.training.boards import Board
 from affmap.training.fit import OnEpoch, fit, keep, last
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
@@ -69,7 +70,7 @@ def train(
     seeds: tuple[int, ...] = (4, 5, 6),
     settings: TrainingSettings = SETTINGS,
     on_epoch: OnEpoch = lambda epoch, validation_nll: None,
-    board: Path | None = None,
+    board: Board | None = None,
 ) -> Path:
     checkpoints = folder / "checkpoints"
     checkpoints.mkdir(parents=True, exist_ok=True)
@@ -403,6 +404,12 @@ def test_the_newest_of_two_checkpoints_is_taken(tmp_path: Path) -> None:
     assert last(tmp_path) == kept[1][0]
 
 
+def tensorboard(folder: Path) -> Board:
+    module = pytest.importorskip("affmap.training.boards.tensorboard", exc_type=ImportError)
+    board: Board = module.TensorBoard(folder)
+    return board
+
+
 def scalars(board: Path) -> dict[str, list[tuple[int, float]]]:
     """Tag -> (step, value) of all that TensorBoard reads in a folder, by its own reader."""
     reader = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
@@ -431,8 +438,7 @@ def test_tensorboard_reads_what_the_table_says_and_nothing_else_changes(
     dataset: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
     """TensorBoard's own reader against pandas; the results of a training that nobody watches, byte by byte."""
-    pytest.importorskip("tensorboard")
-    assert_same(train(dataset, tmp_path / "run", board=tmp_path / "board"), undisturbed)
+    assert_same(train(dataset, tmp_path / "run", board=tensorboard(tmp_path / "board")), undisturbed)
     assert_shown(scalars(tmp_path / "board"), quartiles(pd.read_csv(undisturbed / "validation.csv")))
 
 
@@ -441,25 +447,23 @@ def test_tensorboard_sees_every_epoch_once_after_an_interruption(
     dataset: Path, undisturbed: Path, tmp_path: Path, done: int
 ) -> None:
     """Also where the power went before the events were on the disk, and when the last epoch was done."""
-    pytest.importorskip("tensorboard")
 
     def stop(epoch: int, _: float) -> None:
         if epoch == done:
             raise Killed
 
     with pytest.raises(Killed):
-        train(dataset, tmp_path / "run", on_epoch=stop, board=tmp_path / "board")
+        train(dataset, tmp_path / "run", on_epoch=stop, board=tensorboard(tmp_path / "board"))
     assert {len(values) for values in scalars(tmp_path / "board").values()} == {done}, "they can be seen meanwhile"
     for events in (tmp_path / "board").iterdir():
         events.write_bytes(events.read_bytes()[:-20])
-    assert_same(train(dataset, tmp_path / "run", board=tmp_path / "board"), undisturbed)
+    assert_same(train(dataset, tmp_path / "run", board=tensorboard(tmp_path / "board")), undisturbed)
     assert_shown(scalars(tmp_path / "board"), quartiles(pd.read_csv(undisturbed / "validation.csv")))
 
 
 def test_tensorboard_sees_each_trial(dataset: Path, trials: Path, tmp_path: Path) -> None:
     """Their own rows of the table."""
-    pytest.importorskip("tensorboard")
-    train(dataset, tmp_path / "run", 3 * (4, 5), TRIALS, board=tmp_path / "board")
+    train(dataset, tmp_path / "run", 3 * (4, 5), TRIALS, board=tensorboard(tmp_path / "board"))
     expected = {}
     for trial, rows in pd.read_csv(trials / "validation.csv").groupby("trial"):
         expected |= {f"trial_{trial}/{tag}": values for tag, values in quartiles(rows).items()}

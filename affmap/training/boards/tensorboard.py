@@ -4,14 +4,16 @@ They are those of the table of losses, summarised by quartiles over members.
 """
 
 from pathlib import Path
-from typing import Self
 
+from torch.utils.tensorboard import SummaryWriter
+
+from affmap.training.boards import Training
 from affmap.training.module import TrainingModule
 
 QUARTILES = {"lower_quartile": 0.25, "median": 0.5, "upper_quartile": 0.75}
 
 
-class Board:
+class TensorBoard:
     """Writer of a folder for TensorBoard.
 
     The scalars `training_nll/median`, `training_nll/lower_quartile`, `training_nll/upper_quartile` and the same for
@@ -21,8 +23,6 @@ class Board:
 
     def __init__(self, folder: Path) -> None:
         """Start afresh in `folder`: files of an interrupted training may lack epochs or have too many."""
-        from torch.utils.tensorboard import SummaryWriter  # TensorBoard may not be installed
-
         for old in folder.glob("events.out.tfevents.*"):
             old.unlink()
         self._writer = SummaryWriter(str(folder))
@@ -42,8 +42,11 @@ class Board:
         self._written = num_epochs
         self._writer.flush()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Close the folder's file."""
         self._writer.close()
+
+
+def open_board(training: Training) -> TensorBoard:
+    """Open a folder of the training's own in the folder `tensorboard` of its folder."""
+    return TensorBoard(training.folder / "tensorboard" / training.label)
