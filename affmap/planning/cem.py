@@ -53,8 +53,11 @@ class CEMPlanner(Settings):
     num_kept: CountOrNone
     """K, elites that join the next iteration's candidates."""
     num_iterations: Count
+    """Iterations a step."""
     initial_mean: Share
+    """Opening of all throttles before the first plan."""
     initial_variance: Positive
+    """Variance of each throttle with which every search begins."""
     momentum: Annotated[Share, Field(lt=1)]
     """Weight of the old mean and variance."""
 

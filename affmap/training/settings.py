@@ -32,6 +32,7 @@ class TrainingSettings(Settings):
     """
 
     num_epochs: Count
+    """Passes over the training sequences."""
     batch_size: Count
     """Sequences a batch."""
     chunk_length: Count
