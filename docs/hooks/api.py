@@ -65,7 +65,7 @@ def exports() -> dict[str, str]:
         for node in ast.parse(stub.read_text("utf-8")).body:
             if isinstance(node, ast.ImportFrom):
                 module = f"{package}.{node.module}" if node.module else package
-                for alias in node.names:
+                for alias in (each for each in node.names if not each.name.startswith("_")):
                     names.setdefault(f"{module}.{alias.name}", f"{package}.{alias.asname or alias.name}")
     return names
 
