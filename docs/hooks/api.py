@@ -63,10 +63,10 @@ def exports() -> dict[str, str]:
     for stub in sorted((ROOT / "affmap").rglob("__init__.pyi"), key=lambda path: len(path.parts)):
         package = ".".join(stub.parent.relative_to(ROOT).parts)
         for node in ast.parse(stub.read_text("utf-8")).body:
-            if isinstance(node, ast.ImportFrom):
-                module = f"{package}.{node.module}" if node.module else package
-                for alias in (each for each in node.names if not each.name.startswith("_")):
-                    names.setdefault(f"{module}.{alias.name}", f"{package}.{alias.asname or alias.name}")
+            if isinstance(node, ast.ImportFrom) and node.module:  # others hand on a whole folder
+                for alias in node.names:
+                    full = f"{package}.{node.module}.{alias.name}"
+                    names.setdefault(full, f"{package}.{alias.asname or alias.name}")
     return names
 
 
