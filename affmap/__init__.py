@@ -8,12 +8,22 @@ two is imported first. Everything else is imported on first use.
 """
 
 import os
+from typing import Any
 
 import lazy_loader
 
 from affmap.env.registration import register_when_needed
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_import, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
+    return _import(name)
+
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it would head the output of every command
 register_when_needed()

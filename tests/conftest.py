@@ -15,7 +15,7 @@ from stage_files import WriteGrowth, WriteStages
 
 from affmap import compiled
 from affmap.env.layout import Layout
-from affmap.settings import folder, read
+from affmap.settings import folder
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -70,15 +70,14 @@ def world() -> Layout:
 
 
 @pytest.fixture
-def own_conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def own_conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the configuration folder, for all that reads it."""
     conf = tmp_path / "conf"
     shutil.copytree(folder(), conf)
-    for module in ("affmap.settings.base", "affmap.config.compose", "affmap.config.explain"):
+    for module in ("affmap.settings.base", "affmap.config.compose"):
         monkeypatch.setattr(f"{module}.folder", lambda: conf)
-    read.cache_clear()
-    yield conf
-    read.cache_clear()
+    monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
+    return conf
 
 
 TRIED = Path(__file__).parents[1] / "docs/tried.csv"

@@ -1,6 +1,6 @@
 """Do what a page of the documentation says, in the folder where one is: `python tests/pages.py docs/howto/layout.md`.
 
-In order of the page: a block that begins with a comment with the name of a file is written to that file, a `diff` is
+In order of the page: a block that begins with a comment that is the name of a file is written to that file, a `diff` is
 applied, `python` runs in one namespace, `bash` in a shell. All other blocks are for reading only.
 """
 
@@ -28,7 +28,7 @@ def blocks(page: Path) -> Iterator[Block]:
 def follow(page: Path) -> None:
     namespace: dict[str, Any] = {"__name__": "__main__"}
     for language, text, line in blocks(page):
-        if name := re.match(r"(?:# @.+\n)?# (\S+/\S+\.\w+)\n", text):
+        if name := re.match(r"(?:# @.+\n)?# ([\w./]+\.\w+)\n", text):
             Path(name[1]).parent.mkdir(parents=True, exist_ok=True)
             Path(name[1]).write_text(text, "utf-8")
         elif language == "diff":

@@ -13,10 +13,8 @@ NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::RuntimeWarning")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
     """Its pictures are as many as those that are kept in it, and nothing is said on the side."""
-    for name in ("MPLBACKEND", "MATPLOTLIBRC", "PYTHONWARNINGS"):  # commands in this process have set them
-        monkeypatch.delenv(name, raising=False)
     notebook = nbformat.read(path, as_version=4)
     kept = [kinds(cell) for cell in notebook.cells]
     nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()

@@ -39,14 +39,9 @@ def command(
     Exit status: 2 for a mistake in the command line, 1 for a failure, 130 or 143 for a signal.
     """
     open_streams()
-    # Commands draw into files, whatever the user's settings of Matplotlib say.
-    os.environ |= {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
-    # Of workers that were killed, joblib removes shared semaphores, and need not warn of them.
-    warnings = (os.environ.get("PYTHONWARNINGS"), "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker")
-    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, warnings))
     remedy = "; run the same command again to resume." if resumes else "."
     try:
-        with sigterm_ends_process():
+        with _own_environment(), sigterm_ends_process():
             if about and {"--help", "-h"} & {*flags()}:
                 print(f"{about}\n\nIt takes Hydra overrides, such as experiment=exp1 or output=runs/mine.")
             else:
@@ -70,6 +65,24 @@ def command(
                 _leave(f"{name or 'A file'}: {reason or error}; fix that and run the same command again.", 1)
             case _:
                 raise
+
+
+@contextmanager
+def _own_environment() -> Iterator[None]:
+    """Set variables that a command's libraries and workers read, and put the caller's back, who may be a notebook."""
+    before = dict(os.environ)
+    # Commands draw into files, whatever the user's settings of Matplotlib say.
+    os.environ |= {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
+    # Of workers that were killed, joblib removes shared semaphores, and need not warn of them.
+    warnings = (before.get("PYTHONWARNINGS"), "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, warnings))
+    try:
+        yield
+    finally:
+        for name in ("MPLBACKEND", "MATPLOTLIBRC", "PYTHONWARNINGS"):
+            os.environ.pop(name, None)
+            if name in before:
+                os.environ[name] = before[name]
 
 
 def open_streams() -> None:

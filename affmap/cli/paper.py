@@ -4,7 +4,7 @@ import shlex
 from contextlib import ExitStack
 
 from affmap.cli.app import command, flags, read_sweep, written_alone
-from affmap.cli.publish import check_publishable, check_target, keep_report
+from affmap.cli.publish import check_publishable, keep_report
 from affmap.config import sweep
 from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
@@ -53,5 +53,4 @@ def _paper(paper: Sweep, publish: bool) -> None:
         parts = [f"PARTIAL: {chapter.missing}" for chapter in chapters if chapter.missing]
         check_publishable("; ".join([*filter(None, [first.notice]), *parts]))
         target = first.reference.parent / output.name
-        check_target(output, target)
         keep_report(output, first, target, without=["figures", "*.html"])

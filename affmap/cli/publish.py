@@ -14,7 +14,7 @@ from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.pipeline.completed import completed
 from affmap.results import manifest
 from affmap.results.files import STEPS, VALIDATION
-from affmap.settings import ConfigError, lies_in
+from affmap.settings import ConfigError
 from affmap.store.provenance import PROVENANCE
 from affmap.store.stage import StoreError, copy_stage
 from affmap.store.stage import check as check_stage
@@ -49,19 +49,6 @@ def check_publishable(notice: str | None) -> None:
         raise ConfigError(f"this result is not to be published: {notice}.")
 
 
-def check_target(output: Path, target: Path) -> None:
-    """Make sure that a report is published into a folder of its own.
-
-    Raises:
-        ConfigError: one of the two folders is the other, or lies in it.
-    """
-    if lies_in(output, target) or lies_in(target, output):
-        raise ConfigError(
-            f"{output} would be published as {target}, which would replace it; say reference=<folder>/store with a "
-            "folder that is not that of the reports, such as runs/reference."
-        )
-
-
 def _publish(arguments: list[str]) -> None:
     from affmap.report import build  # reports take seconds to import
 
@@ -71,7 +58,6 @@ def _publish(arguments: list[str]) -> None:
     check_publishable(report.notice)
     build.check(report)
     target = config.published
-    check_target(config.output, target)
     report_only = REPORT_ONLY in flags()
     keep_report(config.output, config, target, (*WITHOUT, *((VALIDATION, STEPS) if report_only else ())))
     if isinstance(jobs, Search) or config.report.compare or report_only:

@@ -16,7 +16,7 @@ from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
 from affmap.settings.messages import ConfigError, printable
-from affmap.store.provenance import circumstances, has_path, without_paths
+from affmap.store.provenance import circumstances, extensions_of, has_path, without_paths
 
 ABOUT = "`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."
 
@@ -79,7 +79,12 @@ def _make_search_report(search: Search) -> Report:
         config.objective or "",
         in_use=leaves(config.complete()),
         log_keys=search.log_keys,
-        origin={"overrides": without_paths(search.overrides), "config": _origin(config), **circumstances()},
+        origin={
+            "overrides": without_paths(search.overrides),
+            "config": _origin(config),
+            **circumstances(),
+            **extensions_of(config.complete()),
+        },
         title=config.title,
         command=shlex.join(["affmap", *without_paths(search.overrides)]),
         notice="; ".join(filter(None, [config.notice, partial])) or None,

@@ -8,16 +8,20 @@ from typing import Any, NoReturn
 
 import hydra
 from hydra import initialize_config_dir
+from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
+from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
+from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
 from affmap.config import interpolations, memory
 from affmap.config.explain import hydra_errors
 from affmap.config.root import Config, plain
-from affmap.settings import ConfigError, check_folder, folder, plain_yaml
+from affmap.settings import ConfigError, check_folder, folder, folders, plain_yaml
+from affmap.settings.base import find
 from affmap.settings.messages import format_value
 
 FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
@@ -60,14 +64,15 @@ def _check_packages(choices: Mapping[str, str | None], unknown: Collection[str])
         if not choice or "/" in group or group in Config.model_fields:
             continue
         # The chosen file may build on another one of its group.
-        others = sorted((folder() / group).rglob("*.yaml")) if group in unknown else []
-        for path in (folder() / group / f"{choice}.yaml", *others):
-            if path.is_file():
-                _check_package(path)
+        for each in folders():
+            others = sorted((each / group).rglob("*.yaml")) if group in unknown else []
+            for path in (each / group / f"{choice}.yaml", *others):
+                if path.is_file():
+                    _check_package(path, each)
 
 
-def _check_package(path: Path) -> None:
-    """Make sure that a file begins with the line that makes its keys those of the whole configuration.
+def _check_package(path: Path, conf: Path) -> None:
+    """Make sure that a file of `conf` begins with the line that makes its keys those of the whole configuration.
 
     Raises:
         ConfigError: the line is missing, misspelt or in another place.
@@ -80,7 +85,7 @@ def _check_package(path: Path) -> None:
         number, present = text.count("\n", 0, found.end()) + 1, found[0].strip()
         steps = [*(["correct it"] if present != line else []), *(["move it to the top"] if number > 1 else [])]
         remedy = f"line {number} is {format_value(present)}, so {' and '.join(steps)}"
-    raise ConfigError(f"conf/{path.relative_to(folder())} should begin with the line `{line}`; {remedy}.")
+    raise ConfigError(f"conf/{path.relative_to(conf)} should begin with the line `{line}`; {remedy}.")
 
 
 def check_launch(settings: Mapping[str, Any]) -> None:
@@ -146,32 +151,51 @@ def _shuffle(*_: Any, **__: Any) -> NoReturn:
 
 def compose(overrides: Sequence[str]) -> Any:
     """Compose the overrides of one job, Hydra's own settings included; cached, so not to be changed."""
-    files = [folder(), *folder().rglob("*")]
-    modified = max(path.stat().st_mtime_ns for path in files)
-    _check_aliases(folder(), modified)
-    return _compose(tuple(overrides), folder(), modified)
+    paths = [path for each in folders() for path in (each, *each.rglob("*"))]
+    modified = max(path.stat().st_mtime_ns for path in paths)
+    _check_aliases(folders(), modified)
+    return _compose(tuple(overrides), folders(), modified)
 
 
 @lru_cache(maxsize=1)
-def _check_aliases(conf: Path, _modified: int) -> None:
+def _check_aliases(confs: tuple[Path, ...], _modified: int) -> None:
     """Make sure that Hydra, which writes out all aliases, can read any file."""
-    for path in filter(Path.is_file, sorted(conf.rglob("*.yaml"))):
-        name = f"conf/{path.relative_to(conf)}"
-        plain_yaml.check_size(path, name)
-        plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), name)
+    for path, place in ((path, path.relative_to(conf)) for conf in confs for path in sorted(conf.rglob("*.yaml"))):
+        if path.is_file() and (confs[0] / place.parts[0]).exists():  # else it is of no group of ours
+            name = f"conf/{place}"
+            plain_yaml.check_size(path, name)
+            plain_yaml.check_aliases(path.read_text("utf-8", errors="replace"), name)
+
+
+class OwnFolder(SearchPathPlugin):
+    """Lets Hydra find files in `conf` of the current folder, too, where it composes our configuration."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Add that folder, after ours."""
+        is_ours = any(each.provider == "main" and each.path == str(folder()) for each in search_path.get_path())
+        for own in folders()[1:]:
+            if is_ours:
+                search_path.append("affmap", str(own))
+
+
+Plugins.instance().register(OwnFolder)
 
 
 @lru_cache(maxsize=64)
-def _compose(overrides: tuple[str, ...], conf: Path, _modified: int) -> Any:
-    with hydra_errors(), initialize_config_dir(str(conf), version_base="1.3"):
+def _compose(overrides: tuple[str, ...], confs: tuple[Path, ...], _modified: int) -> Any:
+    with hydra_errors(), initialize_config_dir(str(confs[0]), version_base="1.3"):
         try:
             composed = hydra.compose("config", [*overrides], return_hydra_config=True)
         except ConfigCompositionException as error:
             # What such a file overrides, Hydra looks for in the file's own group.
             file = re.match(r"In '((\w+)/.+?)': Could not override '.+@\2\.", str(error))
             if file and file[2] not in Config.model_fields:
-                _check_package(folder() / f"{file[1]}.yaml")
+                for each in confs:
+                    if (path := each / f"{file[1]}.yaml").is_file():
+                        _check_package(path, each)
             raise
+        for group, choice in composed.hydra.runtime.choices.items():
+            find(group, choice or "")
         interpolations.check(composed)
         return composed
 

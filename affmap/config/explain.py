@@ -8,7 +8,7 @@ from importlib.metadata import requires
 
 from hydra.errors import OverrideParseException
 
-from affmap.settings import ConfigError, folder, read
+from affmap.settings import ConfigError, folders, names, read
 from affmap.settings.messages import format_value, one_line, shorten
 
 
@@ -67,7 +67,9 @@ def _explain(error: Exception) -> str:
 
 def _shorten(text: str) -> str:
     """A text with `conf` in place of the path of that folder."""
-    return text.replace(str(folder()), "conf")
+    for each in folders():
+        text = text.replace(str(each), "conf")
+    return text
 
 
 def _explain_override(override: str) -> str:
@@ -108,9 +110,9 @@ def _options_with(key: str) -> list[str]:
     place, _, name = key.rpartition(".")
     group = place.replace(".", "/")
     options = []
-    for path in sorted((folder() / group).glob("*.yaml")) if re.fullmatch(r"\w+(/\w+)*", group) else ():
+    for option in names(group) if re.fullmatch(r"\w+(/\w+)*", group) else ():
         with suppress(ConfigError):  # of a file with another mistake
-            options += [f"{group}={path.stem}"] if name in read(group, path.stem) else []
+            options += [f"{group}={option}"] if name in read(group, option) else []
     return options
 
 
@@ -123,5 +125,5 @@ def _package_of(extra: str) -> str | None:
 def _nested(group: str) -> list[str]:
     """Options of a group that Hydra's list leaves out: files in its folders, but for those that are groups."""
     groups = {key for entry in read(".", "config")["defaults"] if isinstance(entry, dict) for key in entry}
-    paths = [path.relative_to(folder()) for path in sorted(folder().glob(f"{group}/*/**/*.yaml"))]
+    paths = [path.relative_to(each) for each in folders() for path in sorted(each.glob(f"{group}/*/**/*.yaml"))]
     return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in groups]

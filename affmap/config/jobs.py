@@ -18,7 +18,7 @@ from omegaconf import OmegaConf
 from affmap.config import memory
 from affmap.config.compose import check, check_launch, compose, launch_settings, values
 from affmap.config.root import Config
-from affmap.settings import ConfigError, folder
+from affmap.settings import ConfigError, folders
 
 PLAIN = re.compile(r"[A-Za-z0-9_./-]+")
 """Texts without a meaning of their own to Hydra or OmegaConf."""
@@ -67,7 +67,7 @@ def _chooses(override: Override) -> bool:
 
 
 def _is_group(key: str) -> bool:
-    return (folder() / key).is_dir()
+    return any((each / key).is_dir() for each in folders())
 
 
 def _is_plain_value(value: Any) -> bool:

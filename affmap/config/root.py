@@ -14,6 +14,7 @@ from affmap.control.registry import PLANNER, AnyAgent, OracleSettings
 from affmap.control.settings import ControlSettings
 from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
+from affmap.env.effects import check_compiled
 from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural, is_procedural
 from affmap.model.settings import LookupSettings, ModelSettings
@@ -184,6 +185,9 @@ class Config(Settings):
                     f"agent = {self.agent.kind!r} needs numba, which is not installed; leave it out, of "
                     "baselines as well: baselines=[straight,random]."
                 )
+            layout = self.control_layout
+            things = layout.circles if isinstance(layout, Layout) else layout.properties
+            check_compiled(thing.effect for thing in things)
         return self
 
     @model_validator(mode="after")

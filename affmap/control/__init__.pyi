@@ -10,6 +10,6 @@ from .oracle import Oracle as Oracle
 from .pilot import Pilot as Pilot
 from .pretrained import load as load
 from .random import RandomAgent as RandomAgent
-from .registry import register as register
+from .registry import register_agent as register_agent
 from .settings import ControlSettings as ControlSettings
 from .straight import StraightAgent as StraightAgent

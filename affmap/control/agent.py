@@ -4,6 +4,8 @@ One agent object steers B vehicles at once, the same number for each member of a
 stack, a look-up and a planner; it knows no environment.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -27,6 +29,7 @@ from affmap.model.stack import Stack
 from affmap.model.transition import Carry
 from affmap.planning.planner import Objective, Planner
 from affmap.settings import ConfigError
+from affmap.settings.messages import counted
 from affmap.view import VisibleLayout
 
 if TYPE_CHECKING:  # needs numba
@@ -58,12 +61,16 @@ class Agent(PlanningAgent):
         self._direct, self._cached = DirectEncoder(self.stack), CachedEncoder(self.stack)
         self._compiled = self._compile()
 
+    def __repr__(self) -> str:
+        members, size = counted(len(self.seeds), "member"), self.stack.context_size
+        return f"Agent({members}, C = {size}, {type(self.planner).__name__}, {self.lookup!r})"
+
     @property
     def seeds(self) -> tuple[int, ...]:
         """Seeds of the M members."""
         return self.stack.seeds
 
-    def elsewhere(self, worlds: Sequence[VisibleLayout]) -> "Agent":
+    def elsewhere(self, worlds: Sequence[VisibleLayout]) -> Agent:
         """Copy of the agent for another world, or for B others (member-major)."""
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels)
@@ -86,7 +93,7 @@ class Agent(PlanningAgent):
             return self._compiled.positions(situation, actions)
         return rollout(self.stack.transition, self.lookup, situation, actions)
 
-    def _compile(self) -> "CompiledImagination | None":
+    def _compile(self) -> CompiledImagination | None:
         """Imagination in compiled loops, if there is one for these models and this look-up."""
         if not compiled.enabled():
             return None

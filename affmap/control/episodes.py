@@ -3,6 +3,8 @@
 All runs proceed side by side, one vehicle environment each. Knows controllers and environments.
 """
 
+from __future__ import annotations
+
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -21,6 +23,7 @@ from affmap.env.vehicle import VehicleEnv
 from affmap.random import generator, integer
 from affmap.results import metrics
 from affmap.results.files import Trajectories
+from affmap.settings.messages import counted
 from affmap.threads import limited
 from affmap.view import views
 
@@ -34,6 +37,13 @@ class Runs(NamedTuple):
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
     `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member [B]`,
     `run [B]`. Values that a controller does not predict are NaN."""
+
+    def __repr__(self) -> str:
+        num_runs, num_steps = self.trajectories["reached"].shape
+        runs, members = counted(num_runs, "run"), counted(self.table["member"].nunique(), "member")
+        reached, distance = self.table["reached"].sum(), self.table["mean_distance"].mean()
+        goals = f"{reached} reached the goal, mean distance {distance:.2f} u"
+        return f"Runs({runs} of {members}, {counted(num_steps, 'step')}, {goals})"
 
 
 def control(

@@ -24,6 +24,7 @@ from affmap.model.rollout import Situation, rollout
 from affmap.model.transition import Carry
 from affmap.planning.planner import Planner
 from affmap.settings import ConfigError
+from affmap.settings.messages import counted
 
 
 class Oracle(PlanningAgent):
@@ -65,6 +66,9 @@ class Oracle(PlanningAgent):
         self.vehicle = vehicle
         self.step_std = OracleSettings.load("agent", "oracle").std if step_std is None else step_std
         self._twin = Twin(layouts, vehicle)
+
+    def __repr__(self) -> str:
+        return f"Oracle({type(self.planner).__name__}, {counted(len(self._twin), 'world')})"
 
     def elsewhere(self, layouts: Sequence[Layout]) -> "Oracle":
         """Copy of the agent for another world, or for B others (member-major)."""
@@ -130,6 +134,9 @@ class HalfOracle(Oracle):
         """
         super().__init__(layouts, vehicle, agent.planner, agent.settings, step_std)
         self.agent, self.true_mean = agent, true_mean
+
+    def __repr__(self) -> str:
+        return f"HalfOracle(true {'mean' if self.true_mean else 'deviation'}, {self.agent!r})"
 
     def elsewhere(self, layouts: Sequence[Layout]) -> "HalfOracle":
         """Copy of the agent for another world, or for B others (member-major).

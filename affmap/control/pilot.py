@@ -3,6 +3,8 @@
 For flights in a loop of the caller: Gymnasium, a window, a camera. `episodes` has many runs at once.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -64,6 +66,9 @@ class Pilot:
             self.agent = bring(agent, world)
         self._device = agent.settings.device if isinstance(agent, PlanningAgent) else "cpu"
         self.reset()
+
+    def __repr__(self) -> str:
+        return f"Pilot({self.agent!r}, seed {self._seed})"
 
     def reset(self) -> None:
         """Forget the last plan; to be called when the environment is reset."""

@@ -1,10 +1,10 @@
 """Trained agents, from a run or from the reference run that comes with the package."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
-
-from pydantic import TypeAdapter
 
 from affmap.control.agent import Agent, ControlSettings
 from affmap.env.procedural import first_layout
@@ -14,7 +14,7 @@ from affmap.model.weights import WEIGHTS, restore
 from affmap.planning.planner import Planner
 from affmap.planning.registry import AnyPlanner
 from affmap.results import manifest, provenance
-from affmap.settings import ConfigError, read
+from affmap.settings import ConfigError, Settings, read
 from affmap.store.stage import check_file
 from affmap.threads import limited
 
@@ -142,7 +142,7 @@ def _job(
 def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
     """Kind of a setting's transition models."""
     values = provenance.config_of(record, job["train"][0])["model"]
-    return ModelSettings.model_validate(values).transition.kind
+    return ModelSettings.checked(values, "the configuration of the models").transition.kind
 
 
 def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:
@@ -152,7 +152,7 @@ def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack
         config = check_file(store / digest, WEIGHTS)["config"]
         seeds = range(config["seed"], config["seed"] + config["members"])
         if members and all(member in seeds for member in members):
-            settings = ModelSettings.model_validate(config["model"])
+            settings = ModelSettings.checked(config["model"], str(store / digest))
             whole = Stack(settings, len(config["training_layouts"][0]["channels"]), seeds)
             return restore(whole, store / digest / WEIGHTS).select([seeds.index(member) for member in members])
         all_seeds += seeds
@@ -166,4 +166,10 @@ def _planner(planner: Planner | str | None, default: Mapping[str, Any]) -> Plann
     if planner is not None and not isinstance(planner, str):
         return planner
     values = read("planner", planner) if planner else default
-    return TypeAdapter[Planner](AnyPlanner).validate_python(values)
+    return _Planning.checked({"planner": values}, f"conf/planner/{planner}.yaml" if planner else "the report").planner
+
+
+class _Planning(Settings):
+    """The part of a configuration with the planner."""
+
+    planner: AnyPlanner

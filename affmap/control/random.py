@@ -5,14 +5,14 @@ from typing import Literal
 import numpy as np
 
 from affmap.control.controller import Decision, Observation
-from affmap.control.registry import register
+from affmap.control.registry import register_agent
 from affmap.lazy import torch
 from affmap.planning.planner import Generators
 from affmap.settings import Settings
 
 
-@register
-class RandomAgent(Settings):
+@register_agent
+class RandomAgent(Settings, defaults="agent/random"):
     """Opens every throttle at random, uniformly between 0 and 1 and anew at every step (`conf/agent/random.yaml`).
 
     It has no model, and predicts nothing.

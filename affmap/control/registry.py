@@ -6,11 +6,21 @@ from pydantic import PlainValidator
 
 from affmap.control.controller import Controller
 from affmap.settings import Length, Settings
-from affmap.settings.registry import Registry
+from affmap.settings.registry import Registry, S
 
-_registry = Registry("affmap.control")
+_registry = Registry("affmap.control", place="agent.kind")
 
-register = _registry.register
+
+def register_agent(agent: type[S]) -> type[S]:
+    """Make an agent known to configurations, by the value of its field `kind`; a class decorator.
+
+    It is a `Settings` class: its fields are the keys of its file in `conf/agent`. It has the methods of `Controller`.
+    See `affmap.settings.extensions` for classes of your own packages and modules.
+
+    Raises:
+        ValueError: it has no field `kind`, or another class has this kind, or a method is missing.
+    """
+    return _registry.register(agent)
 
 
 class ConfiguredController(Controller, Protocol):
@@ -20,15 +30,15 @@ class ConfiguredController(Controller, Protocol):
     """Its name in configurations and tables."""
 
 
-@register
-class AgentSettings(Settings):
+@register_agent
+class AgentSettings(Settings, defaults="agent/planner"):
     """A model-predictive `Agent` (`conf/agent/planner.yaml`), made of the groups `model`, `lookup` and `planner`."""
 
     kind: Literal["planner"]
 
 
-@register
-class OracleSettings(Settings):
+@register_agent
+class OracleSettings(Settings, defaults="agent/oracle"):
     """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
 
     kind: Literal["oracle", "true_mean", "true_deviation"]

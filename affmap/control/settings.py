@@ -14,7 +14,7 @@ def _check_device(device: str) -> str:
     return device
 
 
-class ControlSettings(Settings):
+class ControlSettings(Settings, defaults="control/default"):
     """Settings of control and its evaluation (`conf/control`)."""
 
     num_steps: Count

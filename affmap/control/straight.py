@@ -5,15 +5,15 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from affmap.control.controller import Decision, Observation
-from affmap.control.registry import register
+from affmap.control.registry import register_agent
 from affmap.env.body import THROTTLES
 from affmap.lazy import torch
 from affmap.planning.planner import Generators
 from affmap.settings import Length, NonNegative, Settings
 
 
-@register
-class StraightAgent(Settings):
+@register_agent
+class StraightAgent(Settings, defaults="agent/straight"):
     """Pushes straight towards the goal with the two throttles beside that direction (`conf/agent/straight.yaml`).
 
     It slows down: it steers from where it would be some steps later at its present speed, and near the goal closes the

@@ -7,7 +7,7 @@ from pydantic import model_validator
 from affmap.settings import Count, Seed, Settings, Share
 
 
-class Exploration(Settings):
+class Exploration(Settings, defaults="data/default"):
     """Settings of exploration (`conf/data`)."""
 
     seed: Seed

@@ -21,7 +21,7 @@ Iterations = Annotated[Count, Field(le=1000)]
 """Iterations of a solver; a disc among circles needs a handful."""
 
 
-class Vehicle(Settings):
+class Vehicle(Settings, defaults="vehicle/default"):
     """Physical constants (`conf/vehicle`)."""
 
     radius: Annotated[Length, Field(ge=MIN_RADIUS)]

@@ -1,9 +1,21 @@
-"""Effects of circles on the vehicle: one table for physics, pictures and reports (leaf).
+"""Effects of circles on the vehicle: one table for physics, pictures and reports, to which users may add (leaf).
 
 A force in another direction is one more line of it.
 """
 
+import re
+import sys
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
+
+import numpy as np
+
+from affmap.settings import NAME, ConfigError, extensions
+from affmap.settings.messages import format_value
+
+Force = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Force of a circle on the vehicle, `[..., 2]` in N. Its arguments are the way from the circle's centre to that of the
+vehicle (`[..., 2]` in u), and the velocity of the vehicle (`[..., 2]` in u/s)."""
 
 
 class Effect(NamedTuple):
@@ -15,6 +27,8 @@ class Effect(NamedTuple):
     """`#rrggbb`."""
     pull: tuple[float, float] | None = None
     """Direction of its pull, x and y; None if it does not pull."""
+    force: Force | None = None
+    """Any other force of a circle that acts on the vehicle; None if there is none."""
 
 
 EFFECTS = {
@@ -26,5 +40,78 @@ EFFECTS = {
 }
 """Name in `conf/layout` -> effect, from the lowest to the highest where circles overlap in a picture."""
 
-PULLS = {name: effect.pull for name, effect in EFFECTS.items() if effect.pull}
-"""Effect -> direction of its pull; where several fields overlap, their pulls add up."""
+_OURS = frozenset(EFFECTS)
+
+_HIGHEST = ("fog", "obstacle")
+"""Effects that lie above all others in pictures."""
+
+
+def register_effect(name: str, effect: Effect) -> None:
+    """Make an effect known to layouts, by its name.
+
+    Its circles look and act as others do. A `pull` acts everywhere, times `vehicle.force`. A `force` is Python: agents
+    that imagine with the true physics (`oracle`, `true_mean`, `true_deviation`), which is compiled, do not know it.
+
+    Raises:
+        ValueError: the name is taken, or a value is not allowed.
+    """
+    if not re.fullmatch(NAME, name) or name in _OURS:
+        raise ValueError(f"the effect {format_value(name)} needs a name of its own, of letters, digits and _.")
+    if not effect.label or not re.fullmatch("#[0-9a-fA-F]{6}", effect.color):
+        raise ValueError(f"the effect {name!r} needs a label, and a colour such as '#c994c7'; it has {effect[:2]!r}.")
+    if effect.pull is not None and effect.force is not None:
+        raise ValueError(f"the effect {name!r} has a pull and a force; give it one of them, a force can do both.")
+    if effect.pull is not None and not (len(effect.pull) == 2 and np.isfinite(effect.pull).all()):
+        raise ValueError(f"the effect {name!r} has pull = {effect.pull!r}; it should be a direction, x and y.")
+    if effect.force is not None:
+        force_at(name, effect.force, np.zeros((3, 2)), np.zeros((3, 2)))
+    above = {key: EFFECTS.pop(key) for key in _HIGHEST}
+    EFFECTS.update({name: effect, **above})
+    extensions.note("effect", name, sys._getframe(1).f_globals["__name__"])  # effects do not know their module
+
+
+def check_effect(name: str) -> str:
+    """Return the name of an effect, if there is one.
+
+    Raises:
+        ValueError: there is none.
+        ConfigError: a module that the user named cannot be imported.
+    """
+    if name not in EFFECTS:
+        extensions.load()
+    if name not in EFFECTS:
+        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}; {extensions.HOW}")
+    return name
+
+
+def force_at(name: str, force: Force, offset: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """The force of a circle, `[..., 2]` in N; arguments as in `Force`.
+
+    Raises:
+        ConfigError: it has another shape, or is not finite.
+    """
+    value = np.asarray(force(offset, velocity), float)
+    if value.shape != offset.shape or not np.isfinite(value).all():
+        raise ConfigError(
+            f"the force of the effect {name!r} returned shape {list(value.shape)}, or numbers that are not finite; it "
+            f"should return finite numbers of shape {list(offset.shape)}, as its arguments have."
+        )
+    return value
+
+
+def pulls() -> dict[str, tuple[float, float]]:
+    """Effect -> direction of its pull; where several fields overlap, their pulls add up."""
+    return {name: effect.pull for name, effect in EFFECTS.items() if effect.pull}
+
+
+def check_compiled(effects: Iterable[str]) -> None:
+    """Make sure that the compiled physics knows effects.
+
+    Raises:
+        ConfigError: one is a force in Python.
+    """
+    if unknown := [name for name in effects if EFFECTS[name].force]:
+        raise ConfigError(
+            f"the effect {unknown[0]!r} is a force in Python, which agents that imagine with the true physics do not "
+            "know; leave them out, of baselines as well: baselines=[straight,random]."
+        )

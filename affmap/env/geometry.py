@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from affmap.env.body import Vehicle
-from affmap.env.effects import PULLS
+from affmap.env.effects import EFFECTS, force_at
 from affmap.env.layout import Circle, Layout
 from affmap.view import EXTENT
 
@@ -52,8 +52,11 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
         affected = np.hypot.outer(x - center_x, y - center_y) < limit
         if circle.effect in ("obstacle", "fog"):
             passable &= ~affected
-        elif circle.effect in PULLS:
-            pull += affected[..., None] * vehicle.force * np.array(PULLS[circle.effect])
+        elif (effect := EFFECTS[circle.effect]).pull:
+            pull += affected[..., None] * vehicle.force * np.array(effect.pull)
+        elif effect.force:
+            ways = np.stack(np.broadcast_arrays((x - center_x)[:, None], y - center_y), axis=-1)[affected]
+            pull[affected] += force_at(circle.effect, effect.force, ways, np.zeros_like(ways))
     passable &= np.linalg.norm(pull, axis=-1) <= math.sqrt(2) * vehicle.thrust
     areas, _ = ndimage.label(passable)  # neighbours to the sides only: no squeezing through diagonally
     nearest = np.clip(np.round(np.stack([start, goal]) / STEP).astype(int), 0, np.array(areas.shape) - 1)

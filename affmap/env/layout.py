@@ -5,6 +5,7 @@ The effect of a circle and its look (its channel of the view) are separate. A la
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
@@ -13,18 +14,11 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from affmap.env.effects import EFFECTS
+from affmap.env.effects import check_effect
 from affmap.settings import Length, Line, Name, Neutral, Number, Settings
 from affmap.view import VisibleLayout
 
-
-def _check_effect(effect: str) -> str:
-    if effect not in EFFECTS:
-        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}")
-    return effect
-
-
-EffectName = Annotated[str, AfterValidator(_check_effect)]
+EffectName = Annotated[str, AfterValidator(check_effect)]
 """A key of `affmap.env.effects.EFFECTS`."""
 
 Acts = Literal["center", "rim"]
@@ -91,6 +85,15 @@ class Arena(Settings):
             )
         return self
 
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"{type(self).__name__}({self.name!r}, {width:g} x {height:g} u, {self._contents})"
+
+    @property
+    def _contents(self) -> str:
+        """A short description of the circles."""
+        raise NotImplementedError
+
     @property
     def shortest_way(self) -> float:
         """Smallest distance between a start and a goal, in the squares of opposite corners, u."""
@@ -116,6 +119,11 @@ class Layout(Arena):
                     f"circles[{index}].channel = {circle.channel!r} is not one of channels {list(self.channels)}."
                 )
         return self
+
+    @property
+    def _contents(self) -> str:
+        effects = Counter(circle.effect for circle in self.circles)
+        return f"circles: {', '.join(f'{number} {effect}' for effect, number in effects.items()) or 'none'}"
 
     @cached_property
     def map(self) -> VisibleLayout:

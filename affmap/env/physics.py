@@ -12,7 +12,7 @@ import Box2D
 import numpy as np
 
 from affmap.env.body import THROTTLES, Vehicle
-from affmap.env.effects import EFFECTS, PULLS
+from affmap.env.effects import EFFECTS, force_at, pulls
 from affmap.env.layout import Layout
 
 TOUCH = 10 * float(np.finfo(np.float32).eps)
@@ -41,6 +41,8 @@ class Physics:
             for circle in layout.circles
             if circle.effect not in ("obstacle", "none")
         ]
+        self._pulls = pulls()
+        self._forces = [(*terrain, force) for terrain in self._terrains if (force := EFFECTS[terrain[3]].force)]
         density = vehicle.mass / (math.pi * vehicle.radius**2)
         shape = Box2D.b2FixtureDef(shape=Box2D.b2CircleShape(radius=vehicle.radius), density=density, friction=0)
         self._body = self._world.CreateDynamicBody(
@@ -69,9 +71,12 @@ class Physics:
         vehicle, action = self.vehicle, np.asarray(action, float)
         effects = self._effects
         force = vehicle.thrust * action @ THROTTLES
-        for effect, direction in PULLS.items():
+        for effect, direction in self._pulls.items():
             if effects[effect]:
                 force = force + effects[effect] * vehicle.force * np.array(direction)
+        for x, y, limit, effect, function in self._forces:
+            if math.hypot(*(offset := self.position - (x, y))) < limit:
+                force = force + force_at(effect, function, offset, self.velocity / vehicle.time_step_s)
         self._actions += action.tobytes()
         self._body.linearDamping = vehicle.contact_damping if effects["obstacle"] else vehicle.damping
         self._body.ApplyForceToCenter((float(force[0]), float(force[1])), True)

@@ -98,6 +98,11 @@ class Procedural(Arena):
             )
         return self
 
+    @property
+    def _contents(self) -> str:
+        (low, high), kinds = self.count, ", ".join(kind.effect for kind in self.properties)
+        return f"circles: {low} to {high} {'of each' if self.count_of == 'property' else 'in all'} of {kinds}"
+
     def draw(self, rng: np.random.Generator) -> Layout:
         """Draw a layout that obeys every rule.
 

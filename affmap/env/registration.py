@@ -33,11 +33,11 @@ def environments() -> dict[str, dict[str, str]]:
     """Name in Gymnasium -> arguments of `VehicleEnv`.
 
     A layout's name is that of its file, whose words begin with capitals: `affmap/TwoObstacles-v0` is
-    `two_obstacles.yaml`. The files are not read.
+    `two_obstacles.yaml`, in `conf/layout` of the package or of the current folder. The files are not read.
     """
-    from affmap.settings import NAME, folder
+    from affmap.settings import NAME, names
 
-    layouts = sorted(path.stem for path in folder().glob("layout/*.yaml") if re.fullmatch(NAME, path.stem))
+    layouts = [name for name in names("layout") if re.fullmatch(NAME, name)]
     titles = {layout: "".join(word[:1].upper() + word[1:] for word in layout.split("_")) for layout in layouts}
     return {f"affmap/{titles[layout]}-v0": {"layout": layout} for layout in layouts} | {"affmap/Vehicle-v0": {}}
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from affmap.compiled.physics import Body, Worlds, find_fog, fly
 from affmap.env.body import THROTTLES, Vehicle
-from affmap.env.effects import PULLS
+from affmap.env.effects import check_compiled, pulls
 from affmap.env.layout import Layout
 from affmap.env.physics import TOUCH
 
@@ -19,12 +19,17 @@ class Twin:
     """The physics of vehicles in one or several layouts."""
 
     def __init__(self, layouts: Sequence[Layout], vehicle: Vehicle) -> None:
-        """Take W layouts, and the vehicle that flies in each of them."""
+        """Take W layouts, and the vehicle that flies in each of them.
+
+        Raises:
+            ConfigError: a circle has an effect that is a force in Python.
+        """
+        check_compiled(circle.effect for layout in layouts for circle in layout.circles)
         own = {key: getattr(vehicle, key) for key in Body._fields if key in Vehicle.model_fields}
         self._body = Body(time_step=vehicle.time_step_s, throttles=THROTTLES, **own)
         self._worlds = Worlds(
             _padded([_solids(layout, vehicle) for layout in layouts]),
-            _padded([_terrains(layout, vehicle, PULLS) for layout in layouts]),
+            _padded([_terrains(layout, vehicle, pulls()) for layout in layouts]),
         )
         self._fog = _padded([_terrains(layout, vehicle, {"fog": ()}) for layout in layouts])
 

@@ -2,7 +2,7 @@ from .gru import GRU as GRU
 from .lookup import AffordanceMap as AffordanceMap
 from .lookup import ExactLookup as ExactLookup
 from .palette import Palette as Palette
-from .registry import register as register
+from .registry import register_transition as register_transition
 from .rollout import Situation as Situation
 from .settings import LookupSettings as LookupSettings
 from .settings import ModelSettings as ModelSettings

@@ -5,6 +5,8 @@ own: then the worlds are in the order of the problems, member-major. Knows a sta
 motion, planners or goals.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from typing import Protocol
@@ -20,6 +22,7 @@ from affmap.model.palette import Palette
 from affmap.model.settings import LookupSettings as LookupSettings
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
+from affmap.settings.messages import counted
 from affmap.view import VisibleLayout, view, views
 
 
@@ -30,14 +33,12 @@ class Lookup(Protocol):
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         ...
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "Lookup":
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> Lookup:
         """Make a look-up of the same kind for `stack` in another world, or in B others."""
         ...
 
 
-def make_lookup(
-    settings: LookupSettings, stack: Stack, worlds: Sequence[VisibleLayout]
-) -> "ExactLookup | AffordanceMap":
+def make_lookup(settings: LookupSettings, stack: Stack, worlds: Sequence[VisibleLayout]) -> ExactLookup | AffordanceMap:
     """Make the look-up described by `settings`, for `stack` in one world or in B, one for each problem."""
     if settings.spacing == 0:
         return ExactLookup(stack, worlds)
@@ -65,6 +66,9 @@ class ExactLookup:
         """Look up codes of `stack` in one world, or in B, one for each problem."""
         self._direct, self._codes, self.worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
 
+    def __repr__(self) -> str:
+        return f"ExactLookup({counted(len(self.worlds), 'world')})"
+
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         positions = positions if positions.is_floating_point() else positions.float()
@@ -77,7 +81,7 @@ class ExactLookup:
         pictures = views(self.worlds, places)
         return self._codes(pictures.view(*positions.shape[:-1], *pictures.shape[-3:]))
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "ExactLookup":
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> ExactLookup:
         """Make a look-up of the same kind for `stack` in another world, or in B others."""
         return ExactLookup(stack, worlds)
 
@@ -104,10 +108,20 @@ class AffordanceMap:
         self._scale = 2 / codes.new_tensor(worlds[0].size)
         self._lower = codes.new_tensor(-1.0)
 
+    def __repr__(self) -> str:
+        number, height, width, context_size = self.codes.shape
+        nodes = f"{width} x {height} nodes {self.spacing:.3g} u apart"
+        return f"AffordanceMap({counted(number, 'map')} of {nodes}, C = {context_size})"
+
+    @property
+    def spacing(self) -> float:
+        """Distance between neighbouring nodes of a row, u."""
+        return self.worlds[0].size[0] / (self.codes.shape[2] - 1)
+
     @classmethod
     def paint(
         cls, stack: Stack, worlds: Sequence[VisibleLayout], spacing: float, differentiable: bool = False
-    ) -> "AffordanceMap":
+    ) -> AffordanceMap:
         """Compute codes at nodes at most `spacing` (u) apart, by exact look-ups.
 
         Args:
@@ -123,10 +137,9 @@ class AffordanceMap:
         codes = [_codes_at_nodes(member, world, spacing) for member, world in zip(members, worlds, strict=True)]
         return cls(torch.cat(codes), worlds, differentiable)
 
-    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> "AffordanceMap":
+    def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> AffordanceMap:
         """Paint a map with the same spacing for `stack` in another world, or in B others."""
-        spacing = self.worlds[0].size[0] / (self.codes.shape[2] - 1)
-        return AffordanceMap.paint(stack, worlds, spacing, self.differentiable)
+        return AffordanceMap.paint(stack, worlds, self.spacing, self.differentiable)
 
     def picture(self, index: int = 0) -> np.ndarray:
         """Colours of the map at `index` of the leading axis, `[Y, X, 3]` in [0, 1]; row 0 is y = 0.

@@ -7,15 +7,26 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 from pydantic import PlainValidator
 
 from affmap.settings import Settings
-from affmap.settings.registry import Registry
+from affmap.settings.registry import Registry, S
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from affmap.model.layers import Generators
     from affmap.model.transition import TransitionModel
 
-_registry = Registry("affmap.model", ("make",))
+_registry = Registry("affmap.model", ("make",), place="transition.kind")
 
-register = _registry.register
+
+def register_transition(settings: type[S]) -> type[S]:
+    """Make a transition model known to configurations, by the value of its field `kind`; a class decorator.
+
+    It is a `Settings` class: its fields are the keys of its file in `conf/model/transition`. Its method `make`, see
+    `TransitionSettings`, draws the models.
+    See `affmap.settings.extensions` for classes of your own packages and modules.
+
+    Raises:
+        ValueError: it has no field `kind`, or another class has this kind, or a method is missing.
+    """
+    return _registry.register(settings)
 
 
 class TransitionSettings(Protocol):
@@ -36,8 +47,8 @@ class TransitionSettings(Protocol):
         ...
 
 
-@register
-class MLPSettings(Settings):
+@register_transition
+class MLPSettings(Settings, defaults="model/transition/mlp"):
     """The paper's multilayer perceptron, which has no hidden state (`conf/model/transition/mlp.yaml`)."""
 
     kind: Literal["mlp"]
@@ -49,8 +60,8 @@ class MLPSettings(Settings):
         return MLP(generators, context_size, hidden_size, delta_scale)
 
 
-@register
-class GRUSettings(Settings):
+@register_transition
+class GRUSettings(Settings, defaults="model/transition/gru"):
     """A gated recurrent unit (`conf/model/transition/gru.yaml`)."""
 
     kind: Literal["gru"]

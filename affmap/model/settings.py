@@ -9,7 +9,7 @@ from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, 
 from affmap.view import EXTENT
 
 
-class ModelSettings(Settings):
+class ModelSettings(Settings, defaults="model/default"):
     """Settings of the architecture (`conf/model`)."""
 
     context_size: CountOrNone
@@ -28,7 +28,7 @@ class ModelSettings(Settings):
         return f"{kind}context size {self.context_size}"
 
 
-class LookupSettings(Settings):
+class LookupSettings(Settings, defaults="lookup/map"):
     """Settings of the look-up of context codes in planning (`conf/lookup`)."""
 
     spacing: Annotated[NonNegative, Field(le=EXTENT)]

@@ -1,5 +1,7 @@
 """M members side by side: vision model and transition model, drawn from each member's own seed."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Sequence
 
 import torch
@@ -10,10 +12,19 @@ from affmap.model.transition import TransitionModel
 from affmap.model.vision import VisionModel
 from affmap.model.windows import Windows
 from affmap.random import integer
+from affmap.settings.messages import counted
 
 
 class Stack(nn.Module):
-    """M independently seeded members. At context size 0 there is no vision model."""
+    """M independently seeded members. At context size 0 there is no vision model.
+
+    Attributes:
+        settings: those of the models.
+        num_channels: K, channels of a view.
+        seeds: of the M members.
+        transition: the transition models.
+        vision: the vision models; None at context size 0.
+    """
 
     def __init__(
         self,
@@ -37,12 +48,17 @@ class Stack(nn.Module):
         self.transition = self._make(generators, context_size, settings.hidden_size, settings.delta_scale)
         self.vision = VisionModel(generators, num_channels, context_size) if context_size > 0 else None
 
+    def __repr__(self) -> str:
+        members, kind = counted(len(self.seeds), "member"), type(self.transition).__name__
+        weights = sum(each[0].numel() for each in self.parameters())
+        return f"Stack({members}, C = {self.context_size}, K = {self.num_channels}, {kind}, {weights:,} weights each)"
+
     @property
     def context_size(self) -> int:
         """Length of the context code, C."""
         return self.settings.context_size
 
-    def select(self, members: Sequence[int]) -> "Stack":
+    def select(self, members: Sequence[int]) -> Stack:
         """Select members by their indices in this stack, as a new stack."""
         seeds = [self.seeds[member] for member in members]
         subset = Stack(self.settings, self.num_channels, seeds, self._make)

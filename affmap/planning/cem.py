@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 from affmap import compiled
 from affmap.lazy import torch
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
-from affmap.planning.registry import register
+from affmap.planning.registry import register_planner
 from affmap.settings import Count, CountOrNone, Positive, Settings, Share
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ class CEMState(NamedTuple):
     """`[B, K, H, 4]`, candidates kept for the next iteration; K is 0 before the first plan."""
 
 
-@register
-class CEMPlanner(Settings):
+@register_planner
+class CEMPlanner(Settings, defaults="planner/cem"):
     """The cross-entropy method (`conf/planner/cem.yaml`)."""
 
     kind: Literal["cem"]
@@ -53,11 +53,11 @@ class CEMPlanner(Settings):
     num_kept: CountOrNone
     """K, elites that join the next iteration's candidates."""
     num_iterations: Count
-    """Iterations a step."""
+    """Iterations a plan."""
     initial_mean: Share
     """Opening of all throttles before the first plan."""
     initial_variance: Positive
-    """Variance of each throttle with which every search begins."""
+    """Variance of all throttles where a plan begins."""
     momentum: Annotated[Share, Field(lt=1)]
     """Weight of the old mean and variance."""
 

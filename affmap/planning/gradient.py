@@ -13,7 +13,7 @@ from pydantic import Field
 
 from affmap.lazy import torch
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
-from affmap.planning.registry import register
+from affmap.planning.registry import register_planner
 from affmap.settings import Count, Positive, Settings, Share
 
 if TYPE_CHECKING:
@@ -27,8 +27,8 @@ class GradientState(NamedTuple):
     """`[B, H, 4]`"""
 
 
-@register
-class GradientPlanner(Settings):
+@register_planner
+class GradientPlanner(Settings, defaults="planner/gradient"):
     """Gradient descent on actions (`conf/planner/gradient.yaml`)."""
 
     kind: Literal["gradient"]

@@ -16,7 +16,7 @@ from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, LookupSettings, make_lookup
 from affmap.model.palette import Palette
 from affmap.model.stack import Stack
-from affmap.settings import ConfigError, folder, read
+from affmap.settings import ConfigError, names, read
 
 BETAS, LOOKUPS = (0.0, 1.0, 10.0, 100.0), ("map", "exact")
 GROUND_SPACING = 0.04
@@ -65,7 +65,7 @@ class Game:
         beta = pretrained.load(source, context_size=size).settings.beta
         self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0])
         self.worlds = _worlds(self.origin.channels)
-        self.planners = sorted({self.origin.planner, *_names("planner")})
+        self.planners = sorted({self.origin.planner, *names("planner")})
         self.by_hand, self.throttles, self.message = False, np.zeros(4), ""
         self._seeds = count()
         self._load = cache(self._make)  # so that moving a circle reads no files
@@ -178,12 +178,7 @@ class Game:
         return self._palette(codes)
 
 
-def _names(group: str) -> list[str]:
-    """Names of the files of a group of the configuration, without what systems leave beside them."""
-    return sorted(path.stem for path in (folder() / group).glob("[!.]*.yaml"))
-
-
 def _worlds(channels: tuple[str, ...]) -> list[str]:
     """Names of the fixed layouts with the given channels."""
-    layouts = {name: read("layout", name) for name in _names("layout")}
+    layouts = {name: read("layout", name) for name in names("layout")}
     return [name for name, values in layouts.items() if "circles" in values and tuple(values["channels"]) == channels]

@@ -220,7 +220,7 @@ def deviations(reports: Sequence[Results]) -> str:
 
 
 def origins(records: Sequence[Mapping[str, Any]], command: str) -> str:
-    """List of the command, commits, versions and machines behind some results, each value once.
+    """List of the command, commits, versions, machines and modules of users behind some results, each value once.
 
     Args:
         records: results of `provenance.summarize`.
@@ -230,6 +230,8 @@ def origins(records: Sequence[Mapping[str, Any]], command: str) -> str:
     for name in ("git", "versions", "machine"):
         values = provenance.distinct([value for record in records for value in record[name]])
         lines += [(name.capitalize(), _plain(value)) for value in values]
+    outside = provenance.distinct([each for record in records for each in record.get("extensions", ())])
+    lines += [("Not of affmap", _plain(each)) for each in outside]
     return bullets(f"**{name}:** {escape(text)}" for name, text in lines)
 
 
@@ -265,9 +267,11 @@ _HEADS = {
     "statement": "statement",
     "effect": "effect [95 % interval]",
     "p": "p",
+    "holm": "p, Holm",
     "opposite": "p opposite",
     "verdict": "verdict",
 }
+"""Cell of a row -> its column; rows of single experiments have no Holm's correction, which is over all of them."""
 
 
 def claims_table(rows: Sequence[Mapping[str, str]]) -> str:
@@ -276,16 +280,17 @@ def claims_table(rows: Sequence[Mapping[str, str]]) -> str:
     for row in marked:
         row["name"] = f"**{row['name']}**"
         row["statement"] += f" *{row['detail']}*" if row["detail"] else ""
-    return table(list(_HEADS.values()), _cells(marked))
+    return _table(marked)
 
 
 def claims_markdown(rows: Sequence[Mapping[str, str]]) -> str:
     """Rows of claims as a Markdown table without details, for the file `claims.md`."""
-    return table(list(_HEADS.values()), _cells(rows))
+    return _table(rows)
 
 
-def _cells(rows: Sequence[Mapping[str, str]]) -> list[list[str]]:
-    return [[row[key] for key in _HEADS] for row in rows]
+def _table(rows: Sequence[Mapping[str, str]]) -> str:
+    heads = {key: head for key, head in _HEADS.items() if any(key in row for row in rows)}
+    return table(list(heads.values()), [[row[key] for key in heads] for row in rows])
 
 
 def _other_factors(results: Results) -> list[Factor]:

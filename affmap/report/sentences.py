@@ -6,12 +6,12 @@ import numpy as np
 
 from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
-from affmap.results.claims import Score
+from affmap.results.claims import Score, holm
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, counted, listed, number, span
 from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
-from affmap.results.statistics import Outcome, Verdict
+from affmap.results.statistics import LEVEL, Outcome, Verdict
 from affmap.results.tables import Results, read_runs
 
 AXES = (
@@ -44,6 +44,21 @@ def verdict_count(scores: Sequence[Score]) -> str:
         if names := [score.claim.name for score in scores if score.verdict == verdict]:
             parts.append(f"{len(names)} {verbs[len(names) > 1]} ({', '.join(names)})")
     return f"Of {counted(len(scores), 'claim')}, {listed(parts)}."
+
+
+def correction(scores: Sequence[Score]) -> str:
+    """Claims that hold, but not with p values that are corrected for the number of claims; empty if none has a p."""
+    corrected = holm(scores)
+    count = sum(p is not None for p in corrected)
+    if not count:
+        return ""
+    lost = [
+        score.claim.name
+        for score, p in zip(scores, corrected, strict=True)
+        if score.verdict is Verdict.HOLDS and p is not None and p >= LEVEL
+    ]
+    change = f"{listed(lost)} would not be decided" if lost else "the same claims hold"
+    return f"With Holm's correction for the {counted(count, 'claim')} with a p value, {change}."
 
 
 def changes(results: Results, settings: ReportSettings) -> list[str]:

@@ -23,6 +23,9 @@ from affmap.results.tables import Results, score_matrix
 
 SIGNED_RANK, TREND = "Wilcoxon signed-rank", "Page's trend test"
 
+DECIDED_LATE = "that parts called “learned” do not count for the verdict was decided after those of IV-4 had been seen"
+"""Remark on claims with such parts of which one does not hold in the published run, see `encoded`."""
+
 NOWHERE = statistics.undecided(SIGNED_RANK, 0, "this world has no place where the parts can be seen alone")
 NO_CONTEXT = statistics.undecided(SIGNED_RANK, 0, "needs a context size above 0")
 
@@ -71,6 +74,18 @@ class Score:
     def verdict(self) -> Verdict:
         """The verdict of all parts that count."""
         return statistics.conjunction([part.outcome.verdict for part in self.parts if part.counts])
+
+    @property
+    def p(self) -> float | None:
+        """The largest p of the parts that count (an intersection-union test); None if one of them has none."""
+        p = [part.outcome.p for part in self.parts if part.counts]
+        return None if None in p else max(value for value in p if value is not None)
+
+
+def holm(scores: Sequence[Score]) -> list[float | None]:
+    """The p of each claim, corrected for the number of claims that have one; None for the others."""
+    corrected = iter(statistics.holm([score.p for score in scores if score.p is not None]))
+    return [None if score.p is None else next(corrected) for score in scores]
 
 
 class Pair(NamedTuple):

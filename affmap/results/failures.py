@@ -25,11 +25,6 @@ REASONS = {
 
 SURFACE = "surface"
 
-_TERRAINS = {name: effect.label for name, effect in EFFECTS.items() if name not in ("obstacle", "none")}
-
-NEAREST = {SURFACE: "obstacle or border", **_TERRAINS}
-"""Thing that a vehicle can be nearest to -> its name."""
-
 MANY = 3
 """Counts of acting circles are capped here: it stands for this many or more."""
 
@@ -71,21 +66,27 @@ def shares(runs: pd.DataFrame, column: str, kinds: Iterable[str], by: str = CONT
 
 
 def with_nearest(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
-    """The x value of each run, and the thing nearest to its end: a key of `NEAREST`, or empty if it arrived."""
+    """The x value of each run, and the thing nearest to its end: a key of `things`, or empty if it arrived."""
     tables = []
     for setting in settings:
         paths = results.trajectories(setting)
         ends = zip(paths.position[:, -1], results.run_layouts(setting), np.any(paths.reached, axis=1), strict=True)
-        things = ["" if arrived else nearest(position, layout) for position, layout, arrived in ends]
-        tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], "nearest": things}))
+        names = ["" if arrived else nearest(position, layout) for position, layout, arrived in ends]
+        tables.append(pd.DataFrame({results.x.column: setting.values[results.x.key], "nearest": names}))
     return pd.concat(tables, ignore_index=True)
 
 
+def things() -> dict[str, str]:
+    """Thing that a vehicle can be nearest to -> its name."""
+    terrains = {name: effect.label for name, effect in EFFECTS.items() if name not in ("obstacle", "none")}
+    return {SURFACE: "obstacle or border", **terrains}
+
+
 def nearest(position: Floats, layout: Layout) -> str:
-    """The thing nearest to a place `[2]` (u), or deepest around it: a key of `NEAREST`."""
+    """The thing nearest to a place `[2]` (u), or deepest around it: a key of `things`."""
     distances = {SURFACE: float(surface_distance(position, layout))}
     for circle in layout.circles:
-        if circle.effect in _TERRAINS:
+        if circle.effect not in ("obstacle", "none"):
             distance = float(circle_distance(position, circle))
             distances[circle.effect] = min(distance, distances.get(circle.effect, distance))
     return min(distances, key=lambda thing: distances[thing])

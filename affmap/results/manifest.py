@@ -16,7 +16,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
+from affmap.settings import extensions
 from affmap.settings.messages import ConfigError
+from affmap.settings.types import lies_in
 from affmap.store.files import atomic_write, copy_files, digests, named_errors, read_json, replace_folder, sha256
 from affmap.store.provenance import PROVENANCE, has_valid_checksum, with_checksum
 from affmap.store.stage import Stage
@@ -194,7 +196,7 @@ def visible_files(folder: Path) -> list[Path]:
 
 
 def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
-    """Copy the files that the manifest of a report lists, replacing an earlier copy.
+    """Copy the files that the manifest of a report lists into a folder of their own, replacing an earlier copy.
 
     Args:
         folder: of the report.
@@ -202,8 +204,14 @@ def copy(folder: Path, target: Path, without: Sequence[str]) -> None:
         without: patterns of files and folders that are left out; a PDF beside the manifest never is.
 
     Raises:
-        ConfigError: a file of the report is not as it was written; or `target` is no earlier copy of it.
+        ConfigError: a file of the report is not as it was written; or `target` is no earlier copy of it; or one of the
+            two folders is the other, or lies in it.
     """
+    if lies_in(folder, target) or lies_in(target, folder):
+        raise ConfigError(
+            f"{folder} would be published as {target}, which would replace it; say reference=<folder>/store with a "
+            "folder that is not that of the reports, such as runs/reference."
+        )
     if sentences := problems(folder):
         raise ConfigError("\n".join([*sentences, "Run affmap-report again, which makes the report anew."]))
     record = read(folder)
@@ -252,10 +260,11 @@ def _is_kept(name: PurePath, without: Sequence[str]) -> bool:
 
 @cache
 def code() -> str:
-    """A digest of all files of the package that a drawing may depend on."""
+    """A digest of all files that a drawing may depend on: those of the package, and modules of users."""
     package = Path(__file__).parents[1]
     kinds = (".py", ".typ", ".html", ".js", ".css", ".md", ".mplstyle")
-    contents = (path.read_bytes() for path in sorted(package.rglob("*")) if path.suffix in kinds)
+    paths = [path for path in sorted(package.rglob("*")) if path.suffix in kinds]
+    contents = [path.read_bytes() for path in (*paths, *extensions.sources())]
     return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
 
 

@@ -1,9 +1,11 @@
 """Metrics: one entry each, with column, unit, label, margin, and the function of trajectories that computes it.
 
-A new metric needs nothing but an entry. Reports of older results have it, too, because a column that a stored table
-lacks is computed when the table is read.
+A new metric needs nothing but an entry, here or from users. Reports of older results have it, too, because a column
+that a stored table lacks is computed when the table is read.
 """
 
+import re
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -11,7 +13,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from affmap.results.files import Trajectories
+from affmap.results.files import LAYOUT_COLUMNS, Trajectories
+from affmap.settings import ConfigError, extensions
+from affmap.settings.messages import format_value
 
 Statistic = Literal["mean", "median"]
 
@@ -96,13 +100,43 @@ METRICS = {
 """Column -> metric, in the order of the table of runs."""
 
 
+_OURS = frozenset(METRICS)
+
+
+def register_metric(column: str, metric: Metric) -> None:
+    """Make a metric known to reports, which show it beside their own, also for results that were made before.
+
+    Args:
+        column: its name in tables.
+        metric: its function, `of_runs`, gets the trajectories of B runs and returns B values.
+
+    Raises:
+        ValueError: the name is taken, or no column, or the metric has no function.
+    """
+    taken = {*_OURS, *PLACES, *LAYOUT_COLUMNS}
+    if not re.fullmatch("[a-z][a-z0-9_]*", column) or column in taken:
+        raise ValueError(
+            f"the metric {format_value(column)} needs a name of its own, of small letters, digits and _; there are: "
+            f"{', '.join(sorted(taken))}."
+        )
+    if not callable(metric.of_runs) or metric.stored:
+        raise ValueError(f"the metric {column!r} needs a function of trajectories, of_runs, and cannot be stored.")
+    METRICS[column] = metric
+    extensions.note("metric", column, sys._getframe(1).f_globals["__name__"])  # that of a function may be another
+
+
 def stored_metrics() -> list[str]:
     """Columns of metrics in the table of a control stage."""
     return [column for column, metric in METRICS.items() if metric.stored]
 
 
 def extra_metrics() -> list[str]:
-    """Columns of metrics that are not stored; reports show them besides the usual ones."""
+    """Columns of metrics that are not stored, those of users among them; reports show them besides the usual ones.
+
+    Raises:
+        ConfigError: a module that the user named cannot be imported.
+    """
+    extensions.load()
     return [column for column, metric in METRICS.items() if metric.of_runs and not metric.stored]
 
 
@@ -128,6 +162,17 @@ def places(paths: Trajectories) -> pd.DataFrame:
 
 
 def summarise(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:
-    """The metrics of B runs, a row each, in the order of `columns`."""
+    """The metrics of B runs, a row each, in the order of `columns`.
+
+    Raises:
+        ConfigError: a metric has another number of values.
+    """
     functions = {column: METRICS[column].of_runs for column in columns}
-    return pd.DataFrame({column: compute(paths) for column, compute in functions.items() if compute})
+    values = {column: compute(paths) for column, compute in functions.items() if compute}
+    for column, value in values.items():
+        if np.shape(value) != paths.run.shape:
+            raise ConfigError(
+                f"the metric {column!r} returned shape {[*np.shape(value)]}; it should return a value for each run, "
+                f"{[*paths.run.shape]}."
+            )
+    return pd.DataFrame(values)

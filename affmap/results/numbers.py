@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterable, Sequence
 
+from affmap.settings.messages import counted as counted
+
 NOTHING = "\N{EN DASH}"
 """Content of an empty cell."""
 
@@ -36,11 +38,6 @@ def span(values: Iterable[int]) -> str:
 def listed(words: Sequence[str]) -> str:
     """Words as an enumeration."""
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else NOTHING
-
-
-def counted(number: int, noun: str) -> str:
-    """A number with its noun, which takes an s unless it is one."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def points(markdown: str) -> list[tuple[str, str]]:

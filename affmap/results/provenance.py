@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from affmap.env.effects import EFFECTS
+from affmap.results.metrics import extra_metrics
 from affmap.results.numbers import NOTHING, points
 from affmap.results.setting import STAGES, Factor, Setting, make_factor
 from affmap.results.tables import Results
+from affmap.settings import extensions
 from affmap.store.stage import Stage
 
 _SHARED = ("versions", "git", "machine", "command")
@@ -34,9 +36,10 @@ def summarize(settings: Sequence[Setting], records: Mapping[Path, dict[str, Any]
 
     Returns:
         `seconds` (all stages together) and `peak_memory_mib` (of the largest process); the distinct values of
-        `versions`, `git`, `machine` and `command`; `configs`, the configuration of the first stage of each kind;
-        `stages`, one entry per folder with the leaves in which its configuration `differs` from that one; `jobs`,
-        the values of each setting and the digests of its stages.
+        `versions`, `git`, `machine` and `command`; `extensions`, where there are any, the origins of everything that is
+        not of this package, metrics included (`affmap.settings.extensions.origins`); `configs`, the configuration of
+        the first stage of each kind; `stages`, one entry per folder with the leaves in which its configuration
+        `differs` from that one; `jobs`, the values of each setting and the digests of its stages.
     """
     configs: dict[str, dict[str, Any]] = {}
     stages: list[dict[str, Any]] = []
@@ -52,10 +55,13 @@ def summarize(settings: Sequence[Setting], records: Mapping[Path, dict[str, Any]
         | {stage: [records[folder]["digest"] for folder in setting.folders[stage]] for stage in STAGES}
         for setting in settings
     ]
+    outside = distinct([each for record in records.values() for each in record.get("extensions", ())])
+    outside += extensions.origins({"metric": extra_metrics()})
     return {
         "seconds": sum(stage["seconds"] or 0.0 for stage in stages),
         "peak_memory_mib": max(stage["peak_memory_mib"] or 0.0 for stage in stages),
         **{key: distinct([record.get(key) for record in records.values()]) for key in _SHARED},
+        **({"extensions": outside} if outside else {}),
         "configs": configs,
         "stages": stages,
         "jobs": jobs,

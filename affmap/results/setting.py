@@ -132,7 +132,7 @@ EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 MetricName = Literal["validation_nll", "prediction_error", "mean_distance", "success"]
 
 
-class ReportSettings(Settings):
+class ReportSettings(Settings, defaults="report/default"):
     """Settings of reports (`conf/report`, and each experiment)."""
 
     map_spacing: Annotated[Length, Field(le=EXTENT)]

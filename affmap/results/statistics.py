@@ -157,6 +157,19 @@ def everywhere(each: Sequence[Outcome], mean: Outcome) -> Outcome:
     )
 
 
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Correct p values for their number by Holm's step-down method, in the order given.
+
+    Among those below a level the chance of a single false one is at most the level, however the tests depend on each
+    other.
+    """
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(p)
+    corrected = np.empty_like(p)
+    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1)
+    return [float(value) for value in corrected]
+
+
 def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
     """95 % bootstrap interval (BCa) over members of the mean of `values` `[M]`; a point where all are equal."""
     sample = np.asarray(values, dtype=float)

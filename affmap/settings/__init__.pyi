@@ -1,6 +1,8 @@
 from .base import Neutral as Neutral
 from .base import Settings as Settings
 from .base import folder as folder
+from .base import folders as folders
+from .base import names as names
 from .base import read as read
 from .messages import ConfigError as ConfigError
 from .types import NAME as NAME

@@ -3,14 +3,20 @@
 A subclass of `Settings` is a configuration file with types: its fields are the keys of the file, and it has no
 defaults, so that a value stands in exactly one place, in `conf/`. (A key that came later may have a `Neutral` value,
 which it has where it is missing.) It knows nothing of Hydra.
+
+A configuration that is read must have every key. Only a call in Python takes missing ones from the class's file.
 """
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
+from inspect import Parameter, Signature, cleandoc
 from pathlib import Path
-from typing import Any, Self
+from textwrap import fill
+from types import SimpleNamespace
+from typing import Any, ClassVar, Self, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -42,10 +48,70 @@ _COMPLETE = "complete"
 """Serialization context: neutral keys are written, too."""
 
 
-class Settings(BaseModel):
-    """Frozen, typed settings; unknown keys, NaN and infinities are errors."""
+class _LazySignature:
+    """The signature of a settings class: its keys, their types, and the values of its file, which is read on demand."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+    def __get__(self, instance: "Settings | None", owner: "type[Settings]") -> Signature:
+        if instance is not None:
+            raise AttributeError("__signature__")  # an instance cannot be called
+        defaults = owner._defaults()
+        fields = {key: field.annotation for key, field in owner.model_fields.items()}
+        types = get_type_hints(SimpleNamespace(__annotations__=fields))  # without limits and validators
+        kind = Parameter.KEYWORD_ONLY
+        return Signature(
+            [Parameter(key, kind, default=defaults.get(key, Parameter.empty), annotation=types[key]) for key in fields]
+        )
+
+
+class Settings(BaseModel):
+    """Frozen, typed settings; unknown keys, NaN and infinities are errors.
+
+    `class CEMPlanner(Settings, defaults="planner/cem")` names the file of `conf/` that a call in Python takes missing
+    keys from, as in `CEMPlanner(num_iterations=10)`. Without a file, a call gives all keys.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        hide_input_in_errors=True,
+        use_attribute_docstrings=True,
+    )
+
+    _file: ClassVar[str | None] = None
+
+    def __init_subclass__(cls, *, defaults: str | None = None, **options: Any) -> None:
+        """Name the file that missing keys come from; a class derived from one with a file has the same."""
+        super().__init_subclass__(**options)
+        cls._file = defaults or cls._file
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        """Make the class readable in `help`, once its fields are known."""
+        cls.__doc__ = _with_keys(cls.__doc__ or "", {key: each.description for key, each in cls.model_fields.items()})
+        cls.__signature__ = _LazySignature()  # type: ignore[assignment]  # pydantic's has neither types nor defaults
+
+    def __init__(self, /, **values: Any) -> None:
+        """Set all keys; those that are not given are read from the class's file, if it has one.
+
+        Raises:
+            ConfigError: one sentence for each value that is not allowed, and for each key that is missing or unknown.
+        """
+        if type(self).model_fields.keys() - values.keys():
+            values = {**self._defaults(), **values}
+        with self._explained(values, origin=type(self).__name__):
+            self.__pydantic_validator__.validate_python(values, self_instance=self)
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # whatever is read does not pass through it
+
+    def __str__(self) -> str:
+        return repr(self)  # pydantic's lacks the class
+
+    @classmethod
+    def _defaults(cls) -> dict[str, Any]:
+        """Values of missing keys in a call: those of the class's file, and neutral ones."""
+        group, _, name = (cls._file or "").rpartition("/")
+        return {**cls._neutral(), **(read(group, name) if name else {})}
 
     @classmethod
     @cache
@@ -110,10 +176,27 @@ class Settings(BaseModel):
         Raises:
             ConfigError: one sentence for each value that is not allowed.
         """
-        try:
+        with cls._explained(values, origin, origins):
             return cls.model_validate(values)
+
+    @classmethod
+    @contextmanager
+    def _explained(
+        cls, values: Mapping[str, Any], origin: str, origins: Mapping[str, str] | None = None
+    ) -> Iterator[None]:
+        """Turn pydantic's error about `values` into a ConfigError; see `checked`."""
+        try:
+            yield
         except ValidationError as error:
-            raise ConfigError(sentences(error.errors(include_url=False), values, origin, origins or {})) from None
+            errors = error.errors(include_url=False)
+            raise ConfigError(sentences(errors, values, origin, origins or {}, cls.model_fields)) from None
+
+
+def _with_keys(doc: str, descriptions: Mapping[str, str | None]) -> str:
+    """A docstring with a section on keys: those that are described."""
+    described = ((key, " ".join(text.split())) for key, text in descriptions.items() if text)
+    lines = [fill(f"{key}: {text}", 100, initial_indent=" " * 4, subsequent_indent=" " * 8) for key, text in described]
+    return "\n".join([cleandoc(doc), *(["", "Args:", *lines] if lines else [])])
 
 
 def _plain(value: Any) -> Any:
@@ -129,26 +212,64 @@ def folder() -> Path:
     return inside if inside.is_dir() else package.parent / "conf"
 
 
-@cache
+def own_folder() -> Path | None:
+    """The folder `conf` of the current folder, which adds files to those of `folder`; None where there is none."""
+    own = Path("conf")
+    return own.absolute() if own.is_dir() and not own.samefile(folder()) else None
+
+
+def folders() -> tuple[Path, ...]:
+    """All configuration folders, of which the first is that of `folder`."""
+    own = own_folder()
+    return (folder(), own) if own else (folder(),)
+
+
+def names(group: str) -> list[str]:
+    """Names of the files of a group, in all configuration folders, without those that systems leave beside them."""
+    paths = (path for each in folders() for path in (each / group).glob("[!.]*.yaml") if path.is_file())
+    return sorted({path.stem for path in paths})
+
+
+def find(group: str, name: str) -> Path | None:
+    """The file `conf/<group>/<name>.yaml`, or None.
+
+    Raises:
+        ConfigError: the current folder has another one of that name.
+    """
+    paths = [path for each in folders() if (path := each / group / f"{name}.yaml").is_file()]
+    # Other applications of Hydra, too, have a `conf` with files of these names.
+    if len(paths) > 1 and name not in ("config", "default") and len({path.read_bytes() for path in paths}) > 1:
+        raise ConfigError(
+            f"conf/{group}/{name}.yaml of the current folder has the name of a file of affmap; give it one of its own."
+        )
+    return paths[0] if paths else None
+
+
 def read(group: str, name: str) -> dict[str, Any]:
-    """The plain content of `conf/<group>/<name>.yaml`.
+    """The plain content of `conf/<group>/<name>.yaml`, of the package or of the current folder; not to be changed.
 
     Raises:
         ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is too
-            large or not plain YAML, see `affmap.settings.plain_yaml`.
+            large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
     """
-    path = folder() / group / f"{name}.yaml"
-    options = ", ".join(sorted(file.stem for file in (folder() / group).glob("*.yaml") if file.is_file()))
     if not re.fullmatch(NAME, name):
-        raise ConfigError(f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {options}.")
-    if not path.is_file():
-        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {options}.")
-    plain_yaml.check_size(path, f"conf/{group}/{name}.yaml")
+        raise ConfigError(
+            f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {', '.join(names(group))}."
+        )
+    if not (path := find(group, name)):
+        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {', '.join(names(group))}.")
+    status = path.stat()
+    return _read(path, f"conf/{group}/{name}.yaml", (status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=1024)
+def _read(path: Path, name: str, _version: tuple[int, int]) -> dict[str, Any]:
+    plain_yaml.check_size(path, name)
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"conf/{group}/{name}.yaml is not plain YAML: {error}.") from None
-    content = plain_yaml.load(text, f"conf/{group}/{name}.yaml")
+        raise ConfigError(f"{name} is not plain YAML: {error}.") from None
+    content = plain_yaml.load(text, name)
     if not isinstance(content, dict):
-        raise ConfigError(f"conf/{group}/{name}.yaml holds {format_value(content)}; it should hold `key: value` lines.")
+        raise ConfigError(f"{name} holds {format_value(content)}; it should hold `key: value` lines.")
     return content

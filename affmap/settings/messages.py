@@ -2,7 +2,8 @@
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 from pydantic_core import ErrorDetails
@@ -39,6 +40,11 @@ def shorten(text: str, length: int) -> str:
     return f"{text[: length - 15]} ... {text[-10:]}"
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, which takes an s unless it is one."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def one_line(text: str, length: int = 600) -> str:
     """A text on one line, without characters that cannot be printed, and not longer than `length`."""
     return shorten(printable(" ".join(text.split())), length)
@@ -57,7 +63,9 @@ class PrintableFormatter(logging.Formatter):
         return printable(super().format(record))
 
 
-def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str]) -> str:
+def sentences(
+    errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str], keys: Collection[str]
+) -> str:
     """A line for each invalid value: its origin, and the error.
 
     Args:
@@ -65,15 +73,16 @@ def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins:
         values: those that were validated.
         origin: where the values come from.
         origins: the same for single keys that come from elsewhere.
+        keys: those that `values` may have.
     """
     lines = [
-        f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values))}"
+        f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values, keys))}"
         for item in errors[:MOST]
     ]
     return "\n".join([*lines, *([f"... and {len(errors) - MOST} more."] if len(errors) > MOST else [])])
 
 
-def sentence(item: ErrorDetails, values: Any) -> str:
+def sentence(item: ErrorDetails, values: Any, keys: Collection[str]) -> str:
     """An invalid value in a sentence: key = value, error, remedy."""
     key, value = _key(item["loc"], values, item["type"] == "missing"), format_value(item["input"])
     problem = _PROBLEMS.get(item["type"]) or re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
@@ -81,7 +90,8 @@ def sentence(item: ErrorDetails, values: Any) -> str:
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
-        return f"{key} = {value} is not a known key; remove it or correct its spelling."
+        remedy = nearest(key, keys) if len(item["loc"]) == 1 else "remove it or correct its spelling."
+        return f"{key} = {value} is not a known key; {remedy}"
     if item["type"] == "invalid_key" or (item["loc"][-1:] == ("[key]",) and not isinstance(item["input"], str)):
         return f"{key}: the key is not text; put quotes around it, or remove it."
     if item["type"] == "union_tag_not_found":
@@ -94,6 +104,12 @@ def sentence(item: ErrorDetails, values: Any) -> str:
     if isinstance(item.get("ctx", {}).get("error"), ConfigError):
         return f"{key} = {value}: {problem}"  # the value names a file with a mistake of its own
     return f"{key} = {value} is not allowed: it {problem}."
+
+
+def nearest(name: str, names: Collection[str]) -> str:
+    """The remedy for an unknown name: the one that is spelt most like it, and all that there are."""
+    guess = "".join(f"did you mean {each}? " for each in get_close_matches(name, names, n=1))
+    return f"{guess}There are: {', '.join(names)}."
 
 
 def _key(location: Sequence[int | str], values: Any, is_missing: bool) -> str:

@@ -8,24 +8,32 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import Field, TypeAdapter
 
+from affmap.settings import extensions
 from affmap.settings.base import Settings
+from affmap.settings.messages import format_value
 
 S = TypeVar("S", bound=Settings)
 
 
 class Registry:
-    """Kinds of settings: those of a folder of the package, and others that are registered."""
+    """Kinds of settings: those of a folder of the package, and those of users."""
 
-    def __init__(self, package: str, methods: Sequence[str] = ()) -> None:
-        """Begin with none; a module of `package` is loaded when its kind is chosen. Each kind must have `methods`."""
-        self._package, self._methods = package, methods
+    def __init__(self, package: str, methods: Sequence[str] = (), place: str = "kind") -> None:
+        """Begin with none.
+
+        Args:
+            package: its modules are loaded when a kind is chosen, that of the kind's name first.
+            methods: that each kind must have.
+            place: the key of a configuration that chooses, such as `planner.kind`.
+        """
+        self._package, self._methods, self._place = package, methods, place
         self._registered: list[type[Settings]] = []
 
     def register(self, settings: type[S]) -> type[S]:
         """Make a class known to configurations, by the value of its field `kind`; a class decorator.
 
-        Modules of the folder are loaded when a configuration is checked; a class elsewhere is known once its module has
-        been imported.
+        Modules of the folder are loaded when a configuration is checked; so are those that users name, see
+        `affmap.settings.extensions`.
 
         Raises:
             ValueError: it has no field `kind`, or another class has this kind, or a method is missing.
@@ -38,26 +46,53 @@ class Registry:
             raise ValueError(
                 f"{settings.__name__} has no method {missing[0]}; give it one, see the registry of {self._package}."
             )
-        others = [
-            each for each in self._registered if each.__qualname__ != settings.__qualname__
-        ]  # else it is defined anew
-        if clash := [each.__name__ for each in others if _kinds(each) & _kinds(settings)]:
+        others = [each for each in self._registered if _name(each) != _name(settings)]  # else it is defined anew
+        clash = [each.__name__ for each in others if _kinds(each) & _kinds(settings)]
+        if not settings.__module__.startswith(f"{self._package}."):  # else a kind of ours that is not loaded is hidden
+            clash += [f"{self._package}.{name}" for name in self._modules if name in _kinds(settings)]
+        if clash:
             raise ValueError(f"{settings.__name__} has the kind of {clash[0]}; give it one of its own.")
         self._registered[:] = [*others, settings]
+        for kind in _kinds(settings):
+            extensions.note(self._place, kind, settings.__module__)
         return settings
 
+    @property
+    def _modules(self) -> list[str]:
+        """Names of the folder's modules."""
+        return [module.name for module in iter_modules(import_module(self._package).__path__)]
+
+    def _knows(self, kind: Any) -> bool:
+        return any(kind in [*_kinds(each)] for each in self._registered)
+
     def choose(self, values: Any) -> Any:
-        """Settings from plain values, by their `kind`."""
+        """Settings from plain values, by their `kind`.
+
+        Raises:
+            ValueError: there is no such kind, or a value is not allowed.
+            ConfigError: a module that the user named cannot be imported.
+        """
         if isinstance(values, tuple(self._registered)):
             return values
         kind = values.get("kind") if isinstance(values, Mapping) else getattr(values, "kind", None)
-        modules = [module.name for module in iter_modules(import_module(self._package).__path__)]
+        modules = self._modules
         # The module named like the kind is usually enough; some of the others import torch.
         for names in ([kind] if kind in modules else [], modules):
-            if not any(kind in [*_kinds(each)] for each in self._registered):
+            if not self._knows(kind):
                 for name in names:
                     import_module(f"{self._package}.{name}")
+        if kind is not None and not self._knows(kind):
+            extensions.load()
+            if not self._knows(kind):
+                known = sorted(name for each in self._registered for name in _kinds(each))
+                raise ValueError(
+                    f"kind = {format_value(kind)} is not known; there are {', '.join(known)}; {extensions.HOW}."
+                )
         return _adapter(*sorted(self._registered, key=lambda each: sorted(_kinds(each)))).validate_python(values)
+
+
+def _name(settings: type[Settings]) -> tuple[str, str]:
+    return settings.__module__, settings.__qualname__
 
 
 def _kinds(settings: type[Settings]) -> set[str]:

@@ -55,9 +55,8 @@ def check_folder(path: Path) -> Path:
         ValueError: it is too long, or does not end in a name (copies of the folder get it), or begins with `~`.
     """
     check_line(str(path))
-    if path.parts[:1] and path.parts[0].startswith(
-        "~"
-    ):  # a folder of this name is easily removed with all of one's own
+    # A folder of this name is easily removed with all of one's own.
+    if path.parts[:1] and path.parts[0].startswith("~"):
         raise ValueError("should not begin with ~, which only a shell knows; write the path of the folder")
     if path.name in ("", ".."):
         raise ValueError("should be the path of a folder and end in its name")

@@ -15,6 +15,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from affmap.settings import extensions
+
 PROVENANCE = "provenance.json"
 """File of a stage and of a report."""
 
@@ -42,6 +44,12 @@ def circumstances() -> dict[str, Any]:
         "git": _git(),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
     }
+
+
+def extensions_of(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The entry `extensions`: the origins of everything in a configuration that is not of this package; else none."""
+    origins = extensions.origins(config)
+    return {"extensions": origins} if origins else {}
 
 
 def versions() -> dict[str, str | None]:

@@ -16,7 +16,15 @@ from pydantic import BaseModel, ConfigDict
 from affmap import compiled
 from affmap.store.attempt import Attempt, Seconds, is_scratch
 from affmap.store.files import copy_files, digests, read_json, replace_folder, sha256, write_json
-from affmap.store.provenance import PROVENANCE, canonical, circumstances, has_valid_checksum, peak_memory, with_checksum
+from affmap.store.provenance import (
+    PROVENANCE,
+    canonical,
+    circumstances,
+    extensions_of,
+    has_valid_checksum,
+    peak_memory,
+    with_checksum,
+)
 
 
 class StoreError(Exception):
@@ -82,6 +90,7 @@ def provenance(stage: Stage, attempt: Attempt) -> dict[str, Any]:
             "peak_memory_mib": round(peak_memory(), 1),
             **circumstances(),
             "compiled": compiled.enabled(),
+            **extensions_of(stage.config),
             "files": _digests(attempt.folder),
         }
     )

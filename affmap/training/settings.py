@@ -24,7 +24,7 @@ PerTrial = Annotated[
 """A number for all trials, or one for each of R trials."""
 
 
-class TrainingSettings(Settings):
+class TrainingSettings(Settings, defaults="training/default"):
     """Settings of training (`conf/training`).
 
     A list instead of a number makes a training of R trials with the same members and data, which differ in the listed
@@ -32,7 +32,7 @@ class TrainingSettings(Settings):
     """
 
     num_epochs: Count
-    """Passes over the training sequences."""
+    """Passes through the data."""
     batch_size: Count
     """Sequences a batch."""
     chunk_length: Count

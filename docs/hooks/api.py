@@ -5,9 +5,9 @@ them. Its lines are, below the heading of a group,
 
 | line | stands for |
 |---|---|
-| `{{ public planning }}` | the names in `affmap.__all__` that come from a folder |
-| `{{ public }}` | those that come from none of the folders named on the page |
 | `::: affmap.gaussian.kl` | a name of a folder or a module |
+| `{{ public planning }}` | the names in `affmap.__all__` that come from a folder and have no line |
+| `{{ public }}` | those that come from none of the folders named on the page |
 """
 
 import ast
@@ -98,12 +98,11 @@ def _package() -> griffe.Object | griffe.Alias:
 
 
 def _public(folders: list[str]) -> list[str]:
-    """Full names of `affmap.__all__` from some folders; without folders, those from none that the page names."""
-    public = [name for name, short in exports().items() if short.count(".") == 1]
-    if folders:
-        return [name for name in public if name.split(".")[1] in folders]
-    named = re.findall(r"^\{\{ public (.+) \}\}$", (DOCS / "api.md").read_text("utf-8"), flags=re.M)
-    return [name for name in public if name.split(".")[1] not in " ".join(named).split()]
+    """Full names of `affmap.__all__` without a line on the page, from some folders, or from those that it never names."""
+    page = (DOCS / "api.md").read_text("utf-8")
+    named = " ".join(re.findall(r"^\{\{ public (.+) \}\}$", page, flags=re.M)).split()
+    public = [name for name, short in exports().items() if short.count(".") == 1 and f"::: {name}\n" not in page]
+    return [name for name in public if (name.split(".")[1] in folders if folders else name.split(".")[1] not in named)]
 
 
 def _names(lines: str) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from affmap.config import sweep
-from affmap.settings import ConfigError, read
+from affmap.settings import ConfigError
 
 MINE = "name: mine\ntitle: Mine\n"
 
@@ -83,7 +83,6 @@ def test_a_key_that_stands_twice_is_told_with_file_and_line(own_conf: Path, grou
     line = ["experiment=mine"] if group == "experiment" else ["world=mine"]
     assert len(sweep.jobs(sweep.complete(line))) == 1
     path.write_text(f"{text}{key}: {value}\n")
-    read.cache_clear()
     place = f"conf/{group}/mine.yaml, line {len(text.splitlines()) + 1}"
     assert f"{place}: the key {key!r} stands twice; keep one of the two." in told(*line)
 

@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
@@ -24,7 +24,7 @@ from affmap.pipeline.job import open_store
 from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
-from affmap.settings import ConfigError, folder, read
+from affmap.settings import ConfigError, folder
 from affmap.training.settings import TrainingSettings
 
 CONF = folder()
@@ -407,13 +407,12 @@ def test_no_folder_lies_in_another_by_any_name(
 
 
 @pytest.fixture
-def own_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def own_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the configuration folder, to put layouts into."""
     shutil.copytree(CONF, tmp_path / "conf")
     monkeypatch.setattr("affmap.settings.base.folder", lambda: tmp_path / "conf")
-    read.cache_clear()
-    yield tmp_path / "conf" / "layout"
-    read.cache_clear()
+    monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
+    return tmp_path / "conf" / "layout"
 
 
 @pytest.mark.parametrize(
@@ -603,7 +602,6 @@ def test_layouts_that_act_at_the_rim_have_the_names_they_had_before_they_could_s
     explicit, plain = (sweep.jobs(sweep.complete([*line, *more])) for more in (["acts=rim"], []))
     for path in own_layouts.glob("*.yaml"):
         path.write_text("".join(row for row in path.read_text().splitlines(True) if not row.startswith("acts:")))
-    read.cache_clear()
     before = sweep.jobs(sweep.complete(line))
     assert len(before) == 2
     for without, rim, center in zip(before, explicit, plain, strict=True):

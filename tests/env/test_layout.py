@@ -65,7 +65,7 @@ def test_the_original_is_the_paper_s_size_with_six_obstacles() -> None:
         ),
         ({"circles": [circle(colour="red")]}, ["circles[0].colour = 'red'", "not a known key", "remove it"]),
         ({"circles": [circle(channel="soft")]}, ["circles[0].channel = 'soft'", "one of channels ['solid']"]),
-        ({"circle": []}, ["circle = []", "not a known key", "remove it"]),
+        ({"circle": []}, ["circle = []", "not a known key", "did you mean circles?"]),
         ({"channels": ["solid", "solid"]}, ["channels = ['solid', 'solid']", "give each its own name"]),
         ({"channels": []}, ["channels = []", "should have at least 1 item"]),
         ({"border_channel": "sea"}, ["border_channel = 'sea'", "one of channels ['solid']"]),

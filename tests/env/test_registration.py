@@ -89,10 +89,10 @@ def test_registering_reads_no_layout() -> None:
     """Files that are no YAML, or have no name that an environment could have, do no harm until they are asked for."""
     code = """
 import sys, pathlib, tempfile
-from affmap import settings
+from affmap.settings import base
 conf = pathlib.Path(tempfile.mkdtemp()); (conf / "layout").mkdir()
 for name in ("broken", "not a name", "x"): (conf / "layout" / f"{name}.yaml").write_text("{")
-settings.folder = lambda: conf
+base.folder, base.own_folder = lambda: conf, lambda: None
 import gymnasium
 print(*sorted(name for name in gymnasium.registry if name.startswith("affmap")))
 """

@@ -121,6 +121,7 @@ def test_what_a_system_leaves_beside_layouts_and_planners_is_none_of_them(
     shutil.copytree(folder(), conf)
     for name in ("layout/._original.yaml", "planner/._cem.yaml"):
         (conf / name).write_bytes(b"\x00\x05\x16\x07")
-    monkeypatch.setattr("affmap.play.game.folder", lambda: conf)
+    monkeypatch.setattr("affmap.settings.base.folder", lambda: conf)
+    monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
     game = Game("exp1")
     assert "original" in game.worlds and game.planners == Game("exp1").planners == ["cem", "gradient"]

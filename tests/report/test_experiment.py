@@ -23,10 +23,12 @@ from affmap.experiments.paper.report import Chapter, PaperReport
 from affmap.report import build, page, sentences
 from affmap.report.drawing import files
 from affmap.report.experiment import ExperimentReport, Room
-from affmap.results import manifest, provenance
+from affmap.results import manifest, provenance, statistics
+from affmap.results.claims import Claim, Criterion, Score
 from affmap.results.numbers import NOTHING, counted, listed, number, points, span
 from affmap.results.scores import score
 from affmap.results.setting import ReportSettings, Setting
+from affmap.results.statistics import Outcome
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 from affmap.store.stage import Stage
@@ -435,9 +437,10 @@ def test_random_worlds_are_described_where_the_first_planner_has_not_flown(resul
 
 
 def test_remarks_are_made_once(results: dict[str, Results]) -> None:
-    """Two claims of Experiment V share one; Experiment I has none."""
-    (remark,) = sentences.remarks(score(results["exp5"], claims_about("exp5")))
-    assert remark.startswith("On V-3 and V-4: that fog and force fields act")
+    """Two claims of Experiment V share one, another has its own; Experiment I has none."""
+    shared, own = sentences.remarks(score(results["exp5"], claims_about("exp5")))
+    assert shared.startswith("On V-3 and V-4: that fog and force fields act")
+    assert own.startswith("On V-5: the claim was added after")
     assert sentences.remarks(score(results["exp1"], claims_about("exp1"))) == []
 
 
@@ -450,9 +453,25 @@ def test_the_paper_has_every_claim_and_what_is_missing(whole: Path) -> None:
     for name in names:
         assert re.search(rf"^{name}\D", page.text, re.MULTILINE)
     assert f"Of {len(names)} claims, " in page.text
+    assert table["p_holm"].isna().all() and "Holm's correction for" not in page.text, "too few members for a p value"
     assert page.text.count(MISSING) == 2, "on the first page and in the section"
     assert page.text.count("so far: not all settings") == len(claims_about("exp5"))
     assert MISSING in page.text.split("statement")[0], "above the first table"
+
+
+def test_a_claim_that_a_correction_undoes_is_named() -> None:
+    """By hand: the smallest of three p values, 0.02, becomes 0.06."""
+
+    def scored(name: str, p: float) -> Score:
+        outcome = Outcome("a test", 25, statistics.verdict(p, 1 - p), p=p, p_opposite=1 - p)
+        return Score(Claim(name, "It is so.", lambda _: ()), (Criterion("", "an effect", "u", outcome),))
+
+    tests = [scored("A", 0.03), scored("B", 0.02), scored("C", 0.6)]
+    assert sentences.correction(tests) == (
+        "With Holm's correction for the 3 claims with a p value, A and B would not be decided."
+    )
+    assert sentences.correction([tests[0]]).endswith("the 1 claim with a p value, the same claims hold.")
+    assert sentences.correction([]) == ""
 
 
 def test_what_two_experiments_share_is_counted_once(results: dict[str, Results]) -> None:

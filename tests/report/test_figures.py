@@ -167,7 +167,7 @@ def test_runs_that_arrived_are_nearest_to_nothing(results: dict[str, Results]) -
     found = results["exp5"]
     things = failures.with_nearest(found, found.where(HARD))
     runs = found.runs[found.runs["layout"] == "procedural_hard"]
-    shares = failures.shares(things, "nearest", failures.NEAREST).sum(axis=1)
+    shares = failures.shares(things, "nearest", failures.things()).sum(axis=1)
     assert shares.to_dict() == (1 - runs.groupby("context_size")["reached"].mean()).to_dict()
     ax = panels.nearest(Figure().subplots(), things)
     assert sum(bar.get_height() for bar in ax.patches) == pytest.approx(shares.sum())

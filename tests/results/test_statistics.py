@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from scipy import stats
 
 from affmap.results import statistics
-from affmap.results.statistics import Outcome, Verdict
+from affmap.results.statistics import LEVEL, Outcome, Verdict
 from affmap.settings import ConfigError
 
 FALLING = np.array([[5.0, 4.0, 3.0], [9.0, 7.0, 5.5], [2.0, 1.0, 0.0], [4.0, 3.5, 3.0], [8.0, 2.0, 1.0]])
@@ -233,3 +233,16 @@ def test_a_word_that_names_no_direction_is_refused() -> None:
         statistics.trend(FALLING, "rise")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="choose one of: lower, higher"):
         statistics.paired(FALLING[:, 0], FALLING[:, 1], "less")  # type: ignore[arg-type]
+
+
+def test_holm_s_correction_is_that_of_r_and_of_its_definition() -> None:
+    """Golden values of R's `p.adjust`; and a claim is significant after it exactly if Holm's steps come to it."""
+    assert statistics.holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert statistics.holm([0.9, 0.6]) == [1.0, 1.0] and statistics.holm([]) == []
+    for seed in range(20):
+        p = np.random.default_rng(seed).beta(0.3, 2, size=12).tolist()
+        rejected, left = set(), dict(enumerate(p))
+        while left and min(left.values()) < LEVEL / len(left):
+            rejected.add(smallest := min(left, key=left.__getitem__))
+            del left[smallest]
+        assert {i for i, corrected in enumerate(statistics.holm(p)) if corrected < LEVEL} == rejected

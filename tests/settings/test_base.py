@@ -1,10 +1,13 @@
 """Settings: every kind of error is one sentence with file, key, value and remedy; files stay as they are."""
 
+import inspect
 import logging
 import os
+import pickle
+import pydoc
 import re
-from collections.abc import Iterator
-from copy import deepcopy
+from collections.abc import Callable
+from copy import copy, deepcopy
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Literal
@@ -47,16 +50,17 @@ class Cart(Settings):
 
 GOOD = "mass: 1.5\ngears: 3\ncolor: red\nwheels: [{radius: 0.1}, {radius: 0.2}]\ndoors: [left]\nowner: ada\n"
 
+KEYS = "There are: mass, gears, color, wheels, doors, owner, garage, prices."
+
 
 @pytest.fixture(autouse=True)
-def conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def conf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A configuration folder with a group `cart` of its own."""
     (tmp_path / "cart").mkdir()
     (tmp_path / "cart" / "good.yaml").write_text(GOOD)
     monkeypatch.setattr("affmap.settings.base.folder", lambda: tmp_path)
-    settings.read.cache_clear()
-    yield tmp_path
-    settings.read.cache_clear()
+    monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
+    return tmp_path
 
 
 def complaint(**changes: object) -> str:
@@ -93,7 +97,8 @@ def test_a_file_gives_the_values_written_in_it() -> None:
         ({"doors": []}, "doors = [] is not allowed: it should have at least 1 item"),
         ({"wheels": [{"radius": 1}, {"radius": -2}]}, "wheels[1].radius = -2 is not allowed: it should be greater"),
         ({"wheels": [{}]}, "wheels[0].radius is missing; add the key."),
-        ({"wheel": 3}, "wheel = 3 is not a known key; remove it or correct its spelling."),
+        ({"wheel": 3}, f"wheel = 3 is not a known key; did you mean wheels? {KEYS}"),
+        ({"sail": 3}, f"sail = 3 is not a known key; {KEYS}"),
         ({"wheels": [{"radius": 1, "size": 2}]}, "wheels[0].size = 2 is not a known key; remove it or correct"),
         ({"gears": 8}, "gears = 8 is too many for mass = 1.5; give at most 7.5."),
     ],
@@ -113,7 +118,7 @@ def test_each_wrong_value_has_a_sentence_of_its_own() -> None:
     assert str(caught.value).splitlines() == [
         "here: mass = 0 is not allowed: it should be greater than 0.",
         "here: owner is missing; add the key.",
-        "here: ownr = 'ada' is not a known key; remove it or correct its spelling.",
+        f"here: ownr = 'ada' is not a known key; did you mean owner? {KEYS}",
     ]
     assert caught.value.__suppress_context__
     assert isinstance(caught.value, ValueError)
@@ -241,6 +246,113 @@ def test_a_copy_with_other_values_has_their_plain_values() -> None:
     for deep in (False, True):
         assert wheel.model_copy(update={"radius": 2.0}, deep=deep).plain == {"radius": 2.0}
     assert wheel.plain == {"radius": 0.5} and wheel.model_copy() == wheel
+
+
+class Car(Cart, defaults="cart/good"):
+    """A cart with an engine (`conf/cart/good.yaml`)."""
+
+    engine: Annotated[Literal["petrol", "electric"], Neutral("petrol")]
+    """Its engine, which
+    came later."""
+
+
+def test_a_call_takes_missing_keys_from_the_file() -> None:
+    """The same values, read from the file with `load`."""
+    assert Car() == Car.load("cart", "good") and Car().engine == "petrol"
+    assert Car(mass=9, engine="electric") == Car.load("cart", "good", mass=9, engine="electric")
+    assert Car(**Car(gears=2).model_dump()) == Car.load("cart", "good", gears=2)
+
+
+def test_whatever_is_read_has_every_key() -> None:
+    """Alone or within other settings; a missing key is an error, as for a class without a file."""
+
+    class Fleet(Settings):
+        cars: tuple[Car, ...]
+
+    part = {"mass": 2.0, "gears": 1, "color": "red"}
+    for read in (
+        lambda: Car.model_validate(part),
+        lambda: Fleet.model_validate({"cars": [part]}),
+    ):
+        with pytest.raises(ValidationError) as caught:
+            read()
+        assert {error["type"] for error in caught.value.errors()} == {"missing"}
+        assert [error["loc"][-1] for error in caught.value.errors()] == ["wheels", "doors", "owner"]
+    for check in (lambda: Car.checked(part, "here"), lambda: Fleet(cars=[part])):
+        with pytest.raises(ConfigError, match=r"wheels is missing; add the key\."):
+            check()
+    assert Fleet(cars=[Car(mass=3)]).cars[0].mass == 3
+
+
+def test_copies_of_a_call_are_the_same(conf: Path) -> None:
+    """Copied and pickled settings, for which no file is read; neither is one where all keys are given."""
+    car = Car(mass=9)
+    (conf / "cart" / "good.yaml").unlink()
+    settings.read.cache_clear()
+    assert Car(**car.complete()) == car
+    for other in (copy(car), deepcopy(car), pickle.loads(pickle.dumps(car)), car.model_copy()):
+        assert other == car and type(other) is Car
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: Car(mass=-1), "Car: mass = -1 is not allowed: it should be greater than 0."),
+        (lambda: Car(gears=8), "Car: gears = 8 is too many for mass = 1.5; give at most 7.5."),
+        (lambda: Car(gear=2), f"Car: gear = 2 is not a known key; did you mean gears? {KEYS[:-1]}, engine."),
+        (lambda: Wheel(), "Wheel: radius is missing; add the key."),
+        (lambda: Wheel(radius=[1]), "Wheel: radius = [1] is not allowed: it should be a valid number."),
+    ],
+)
+def test_an_error_in_a_call_is_a_sentence_with_class_key_value_and_remedy(
+    call: Callable[[], object], sentence: str
+) -> None:
+    """Golden sentences, with or without a file; pydantic's own exception is not shown behind them."""
+    with pytest.raises(ConfigError) as caught:
+        call()
+    assert str(caught.value) == sentence and caught.value.__suppress_context__
+
+
+def test_every_file_with_a_class_gives_the_defaults_of_its_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that `load` reads; the groups of `conf/config.yaml` begin with the same files as the calls."""
+    monkeypatch.undo()
+    settings.read.cache_clear()
+    from affmap.config import Config  # noqa: F401  # imports nearly all classes
+    from affmap.control import RandomAgent, StraightAgent  # noqa: F401
+    from affmap.planning import CEMPlanner, GradientPlanner  # noqa: F401
+
+    kinds = [kind for kind in Settings.__subclasses__() if kind.__module__.startswith("affmap.") and kind._file]
+    chosen = [each for each in settings.read(".", "config")["defaults"] if isinstance(each, dict)]
+    first = {f"{group}/{name}" for each in chosen for group, name in each.items()}
+    without_class = {"experiment/None", "search/None", "models/train", "scale/full"}
+    ours = {each for each in first if not each.startswith("override")} - without_class
+    assert ours < {kind._file for kind in kinds}
+    for kind in kinds:
+        group, _, name = str(kind._file).rpartition("/")
+        assert kind() == kind.load(group, name)
+        assert f"`conf/{group}" in (kind.__doc__ or "")
+
+
+def test_a_signature_has_keys_types_and_defaults() -> None:
+    """Golden text: types without their limits, values of the file and neutral ones."""
+    assert str(inspect.signature(Wheel)) == "(*, radius: float)"
+    assert str(inspect.signature(Car)) == (
+        "(*, mass: float = 1.5, gears: int = 3, color: Literal['red', 'blue'] = 'red', "
+        f"wheels: tuple[{__name__}.Wheel, ...] = [{{'radius': 0.1}}, {{'radius': 0.2}}], "
+        "doors: tuple[str, ...] = ['left'], owner: str = 'ada', "
+        f"garage: {Path.__module__}.Path = PosixPath('garage'), prices: dict[str, int] = {{}}, "
+        "engine: Literal['petrol', 'electric'] = 'petrol')"
+    )
+
+
+def test_help_describes_the_keys() -> None:
+    """Golden text of the docstring; the signature and it are part of what `help` shows."""
+    assert inspect.getdoc(Car) == (
+        "A cart with an engine (`conf/cart/good.yaml`).\n\nArgs:\n    engine: Its engine, which came later."
+    )
+    assert inspect.getdoc(Wheel) in ("", None)
+    shown = pydoc.render_doc(Car, renderer=pydoc.plaintext)
+    assert "mass: float = 1.5" in shown and "engine: Its engine, which came later." in shown
 
 
 def test_logs_show_text_from_files_as_text() -> None:

@@ -80,5 +80,5 @@ CLAIMS = (
         _success,
         REMARK,
     ),
-    Claim("IV-4", "Free space, border and fog are encoded differently.", _kinds),
+    Claim("IV-4", "Free space, border and fog are encoded differently.", _kinds, claims.DECIDED_LATE),
 )

@@ -93,5 +93,10 @@ CLAIMS = (
         _nearly_always,
         READ_ANEW,
     ),
-    Claim("V-5", "The map of a world with all properties encodes each of them differently.", _distinct),
+    Claim(
+        "V-5",
+        "The map of a world with all properties encodes each of them differently.",
+        _distinct,
+        f"the claim was added after the maps had been seen; {claims.DECIDED_LATE}",
+    ),
 )

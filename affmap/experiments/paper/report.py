@@ -18,7 +18,7 @@ from affmap.report.experiment import PARTS, Room
 from affmap.report.figures import CAPTIONS, figures_of
 from affmap.report.markdown import bullets, escape, fill, text_table
 from affmap.results import manifest, provenance
-from affmap.results.claims import Score
+from affmap.results.claims import Score, holm
 from affmap.results.numbers import NOTHING, number, p_value
 from affmap.results.scores import as_table, score
 from affmap.results.setting import ReportSettings
@@ -117,8 +117,12 @@ class PaperContent:
         """Numbers of claims that hold, do not hold, and are not decided."""
         return escape(sentences.verdict_count([each for some in self.scores for each in some]))
 
+    def correction(self) -> str:
+        """Claims that hold, but not with p values that are corrected for the number of claims."""
+        return escape(sentences.correction([each for some in self.scores for each in some]))
+
     def remarks(self) -> str:
-        """Choices digests after a verdict had been seen."""
+        """Choices made after a verdict had been seen."""
         return bullets(map(escape, sentences.remarks([each for some in self.scores for each in some])))
 
     def claims(self) -> str:
@@ -185,7 +189,11 @@ def _write_tables(folder: Path, chapters: Sequence[Chapter], scores: Sequence[Se
         table.insert(0, "experiment", chapter.output.name)
         table["missing"] = chapter.missing
         tables.append(table)
-    write_csv(folder / "claims.csv", pd.concat(tables))
+    whole = pd.concat(tables)
+    every = [each for some in scores for each in some]
+    corrected = dict(zip((each.claim.name for each in every), holm(every), strict=True))
+    whole["p_holm"] = whole["claim"].map(corrected).astype(float)
+    write_csv(folder / "claims.csv", whole)
     rows = _rows(chapters, scores)
     rows_so_far = [row | {"statement": row["statement"] + (" (So far.)" if row["detail"] else "")} for row in rows]
     build.write_text(folder / "claims.md", claims_markdown(rows_so_far))
@@ -193,20 +201,22 @@ def _write_tables(folder: Path, chapters: Sequence[Chapter], scores: Sequence[Se
 
 def _rows(chapters: Sequence[Chapter], scores: Sequence[Sequence[Score]]) -> list[dict[str, str]]:
     """One row for each claim."""
-    return [_short(item, chapter) for chapter, some in zip(chapters, scores, strict=True) for item in some]
+    items = [(item, chapter) for chapter, some in zip(chapters, scores, strict=True) for item in some]
+    corrected = holm([item for item, _ in items])
+    return [_short(item, chapter, p) for (item, chapter), p in zip(items, corrected, strict=True)]
 
 
-def _short(item: Score, chapter: Chapter) -> dict[str, str]:
-    """Row of a claim; with several parts, its p is the largest of theirs."""
+def _short(item: Score, chapter: Chapter, corrected: float | None) -> dict[str, str]:
+    """Row of a claim."""
     counting = [part for part in item.parts if part.counts]
     single = counting[0] if len(counting) == 1 else None
-    p = [part.outcome.p for part in counting]
     return {
         "name": item.claim.name,
         "statement": item.claim.statement,
         "detail": "so far: not all settings have been run" if chapter.missing else "",
         "effect": sentences.effect(single.outcome, single.unit) if single else f"{len(counting)} parts",
-        "p": NOTHING if None in p else p_value(max(value for value in p if value is not None)),
+        "p": p_value(item.p),
+        "holm": p_value(corrected),
         "opposite": p_value(single.outcome.p_opposite) if single else NOTHING,
         "verdict": item.verdict.value,
     }

@@ -35,7 +35,8 @@ def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
         runs: one row per run, see `failures.with_nearest`.
         x: the factor on the x axis.
     """
-    things = {thing: f"nearest: {name}" for thing, name in failures.NEAREST.items() if (runs["nearest"] == thing).any()}
+    names = failures.things().items()
+    things = {thing: f"nearest: {name}" for thing, name in names if (runs["nearest"] == thing).any()}
     colors = {failures.SURFACE: EFFECTS["obstacle"].color, **{name: each.color for name, each in EFFECTS.items()}}
     return _stacked(ax, failures.shares(runs, "nearest", things, x.column), things, colors, x)
 

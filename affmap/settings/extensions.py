@@ -1,0 +1,131 @@
+"""Modules from outside of the package, which add planners, transition models, agents, terrains and metrics.
+
+Users name them: packages that they installed, in their entry points of the group `affmap`; and they themselves, in the
+environment variable AFFMAP_IMPORT, for modules of the current folder. Workers of every launcher inherit the variable. A
+configuration or a stored file names kinds only, never a module.
+"""
+
+import hashlib
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module
+from importlib.metadata import Distribution, distribution, entry_points, packages_distributions
+from pathlib import Path
+from typing import Any
+
+from affmap.settings.messages import ConfigError, format_value, one_line
+
+GROUP = "affmap"
+"""Group of entry points; the value of each is a module."""
+
+VARIABLE = "AFFMAP_IMPORT"
+"""Environment variable with the names of modules, separated by commas; they may lie in the current folder."""
+
+HOW = f"one of your own is known once {VARIABLE}, or an entry point of its package, names its module"
+"""How names from outside become known, for messages about unknown ones."""
+
+_outside: dict[tuple[str, str], str] = {}
+"""Place in a configuration, and a name there -> the module from outside that registered it."""
+
+
+def load() -> None:
+    """Import the modules that users name, once.
+
+    Raises:
+        ConfigError: one of them cannot be imported; the message names it and the error.
+    """
+    _load(os.environ.get(VARIABLE, ""))
+
+
+@cache
+def _load(names: str) -> None:
+    for entry in entry_points(group=GROUP):
+        _import(
+            entry.module, f"the entry point {entry.name!r} of {_title(entry.dist)}", "mend or uninstall the package"
+        )
+    if names:
+        sys.path += [folder for folder in (str(Path.cwd()),) if folder not in sys.path]  # last, so it hides nothing
+    for name in filter(None, map(str.strip, names.split(","))):
+        _import(name, f"{VARIABLE} = {format_value(names)}", f"correct the name or the module, or unset {VARIABLE}")
+
+
+def _import(module: str, origin: str, remedy: str) -> None:
+    try:
+        import_module(module)
+    except Exception as error:
+        reason = one_line(f"{type(error).__name__}: {error}", 300)
+        raise ConfigError(f"{origin}: importing {module!r} failed with {reason}; {remedy}.") from error
+
+
+def _title(found: Distribution | None) -> str:
+    return f"{found.name} {found.version}" if found else "a package"
+
+
+def note(place: str, name: str, module: str) -> None:
+    """Note where a name comes from, if that is outside of this package.
+
+    Args:
+        place: the key of a configuration that takes the name, such as `planner.kind`.
+        name: that was registered.
+        module: that registered it.
+    """
+    if module.partition(".")[0] != __name__.partition(".")[0]:
+        _outside[place, name] = module
+
+
+def origins(config: Mapping[str, Any]) -> list[dict[str, str]]:
+    """The origins of everything in a plain configuration that comes from outside, for provenance.
+
+    Returns:
+        For each its `name`, such as `planner.kind=mine`, its `module`, the `sha256` of that one's file, and the
+        `distribution` with its `version` where the module is installed.
+    """
+    leaves = [*_leaves(config)] if _outside else []
+    return [
+        {"name": f"{place}={name}", **_origin(module)}
+        for (place, name), module in sorted(_outside.items())
+        if any(f".{key}".endswith(f".{place}") and value == name for key, value in leaves)
+    ]
+
+
+def sources() -> list[Path]:
+    """Files of the modules from outside that have registered something."""
+    return [path for module in sorted({*_outside.values()}) if (path := _source(module))]
+
+
+def _source(module: str) -> Path | None:
+    """The file of a module; None in a notebook."""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return Path(file) if file and Path(file).is_file() else None
+
+
+def _origin(module: str) -> dict[str, str]:
+    path, found = _source(module), _distribution(module.partition(".")[0])
+    return {
+        "module": module,
+        **({"sha256": hashlib.sha256(path.read_bytes()).hexdigest()} if path else {}),
+        **({"distribution": found.name, "version": found.version} if found else {}),
+    }
+
+
+@cache
+def _distribution(package: str) -> Distribution | None:
+    """The installed distribution of a package; an editable one lists no files, but has entry points."""
+    entries = (entry for entry in entry_points(group=GROUP) if entry.module.partition(".")[0] == package)
+    if entry := next(entries, None):
+        return entry.dist
+    return next((distribution(name) for name in packages_distributions().get(package, ())), None)
+
+
+def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted key, without the places in lists, and value, of all leaves of a plain configuration."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _leaves(part, f"{key}.{name}")
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _leaves(part, key)
+    else:
+        yield key, value
