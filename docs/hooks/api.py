@@ -11,9 +11,11 @@ them. Its lines are, below the heading of a group,
 """
 
 import ast
+import inspect
 import re
 from collections.abc import Iterator
 from functools import cache
+from importlib import import_module
 
 import griffe
 from places import DOCS, ROOT
@@ -25,7 +27,9 @@ def pages() -> Iterator[tuple[str, str]]:
     """Place in the site -> Markdown, for each public name."""
     for names in groups().values():
         for name in names:
-            yield place(name), _PAGE.format(name=name, title=typed(name), short=short(name))
+            page = _SETTINGS if _is_settings(name) else _PAGE
+            signature = _signature(name) if _is_settings(name) else ""
+            yield place(name), page.format(name=name, title=typed(name), short=short(name), signature=signature)
 
 
 _PAGE = """---
@@ -38,6 +42,39 @@ title: {short}
       toc_label: {title}
       heading_level: 1
 """
+
+_SETTINGS = """---
+title: {short}
+---
+
+# {title}
+
+```python
+{signature}
+```
+
+::: {name}
+    options:
+      show_root_heading: false
+      heading_level: 2
+"""
+
+
+def _is_settings(name: str) -> bool:
+    """Whether a name is a class whose signature is made when Python runs."""
+    described = member(name)
+    return isinstance(described, griffe.Class) and any(base.path == SETTINGS for base in described.mro())
+
+
+SETTINGS = "affmap.settings.base.Settings"
+
+
+def _signature(name: str) -> str:
+    """The signature of a class, a line for each argument."""
+    module, _, kind = name.rpartition(".")
+    parameters = inspect.signature(getattr(import_module(module), kind)).parameters.values()
+    lines = [f"    {re.sub(r'affmap[.][a-z_.]+', '', str(parameter))}," for parameter in parameters]
+    return "\n".join([f"{kind}(", "    *,", *lines, ")"])
 
 
 def place(name: str) -> str:
@@ -98,7 +135,7 @@ def _package() -> griffe.Object | griffe.Alias:
 
 
 def _public(folders: list[str]) -> list[str]:
-    """Full names of `affmap.__all__` without a line on the page, from some folders, or from those that it never names."""
+    """Full names of `affmap.__all__` without a line here: from some folders, or from those that it never names."""
     page = (DOCS / "api.md").read_text("utf-8")
     named = " ".join(re.findall(r"^\{\{ public (.+) \}\}$", page, flags=re.M)).split()
     public = [name for name, short in exports().items() if short.count(".") == 1 and f"::: {name}\n" not in page]
