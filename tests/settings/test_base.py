@@ -288,7 +288,6 @@ def test_copies_of_a_call_are_the_same(conf: Path) -> None:
     """Copied and pickled settings, for which no file is read; neither is one where all keys are given."""
     car = Car(mass=9)
     (conf / "cart" / "good.yaml").unlink()
-    settings.read.cache_clear()
     assert Car(**car.complete()) == car
     for other in (copy(car), deepcopy(car), pickle.loads(pickle.dumps(car)), car.model_copy()):
         assert other == car and type(other) is Car
@@ -316,7 +315,6 @@ def test_an_error_in_a_call_is_a_sentence_with_class_key_value_and_remedy(
 def test_every_file_with_a_class_gives_the_defaults_of_its_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those that `load` reads; the groups of `conf/config.yaml` begin with the same files as the calls."""
     monkeypatch.undo()
-    settings.read.cache_clear()
     from affmap.config import Config  # noqa: F401  # imports nearly all classes
     from affmap.control import RandomAgent, StraightAgent  # noqa: F401
     from affmap.planning import CEMPlanner, GradientPlanner  # noqa: F401
