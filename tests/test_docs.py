@@ -101,7 +101,7 @@ def test_the_site_builds_whole(site: Path) -> None:
             if "//" not in link and not link.startswith("#"):
                 assert (path.parent / unquote(link.partition("#")[0])).exists(), f"{path} has a broken link {link}"
         assert all(image.get("alt") for image in found.images), f"{path} has a picture without a description"
-        unfilled = re.findall(r"\{\{ (?:table|source) |\{\{ \w+ \}\}</p>", path.read_text("utf-8"))
+        unfilled = re.findall(r"\{\{ (?:plot|table|source) |\{\{ \w+ \}\}</p>", path.read_text("utf-8"))
         assert not unfilled, f"{path} has a line that was not filled in"
     for path in site.rglob("*.css"):
         outside = re.findall(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", path.read_text("utf-8"))

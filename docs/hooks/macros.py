@@ -8,6 +8,7 @@ A line `{{ what arguments }}` of a page becomes
 | `{{ source affmap.gaussian.nll }}` | a function; with ` | text | text`, its lines that contain one of them |
 | `{{ readme Glossary }}` | a section of the README, with its links to places of the site |
 | `{{ tried }}` | the table of what the tests try |
+| `{{ plot description }}` | the figure that the page's code above draws, see `plots.py` |
 | `{{ environments }}` | cards of all environments |
 | `{{ commands }}` | a table of all commands |
 | `{{ settings }}` | every group and key of the configuration |

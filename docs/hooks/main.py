@@ -14,6 +14,7 @@ import experiments
 import formulas
 import macros
 import notebook
+import plots
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -58,10 +59,10 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in the lines of a page, and formulas that stand by themselves."""
+    """Fill in the figures and lines of a page, and formulas that stand by themselves."""
     if page.file.src_uri == "api.md":
         return api.index(markdown)
-    return formulas.fill_blocks(macros.fill(markdown))
+    return formulas.fill_blocks(macros.fill(plots.fill(markdown)))
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:

@@ -28,5 +28,7 @@ def _cells(path: Path) -> Iterator[str]:
             if "image/png" in data:
                 picture = "".join(data["image/png"]).strip()
                 yield f'<img alt="what the cell draws" src="data:image/png;base64,{picture}">'
+            elif "<img" in (html := "".join(data.get("text/html", ""))):
+                yield html
             else:
                 yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
