@@ -27,8 +27,9 @@ def pages() -> Iterator[tuple[str, str]]:
     """Place in the site -> Markdown, for each public name."""
     for names in groups().values():
         for name in names:
-            page = _SETTINGS if _is_settings(name) else _PAGE
-            signature = _signature(name) if _is_settings(name) else ""
+            described = member(name)
+            page = _SETTINGS if _is_settings(described) else _FOLDER if described.is_package else _PAGE
+            signature = _signature(name) if page is _SETTINGS else ""
             yield place(name), page.format(name=name, title=typed(name), short=short(name), signature=signature)
 
 
@@ -42,6 +43,8 @@ title: {short}
       toc_label: {title}
       heading_level: 1
 """
+
+_FOLDER = f"{_PAGE}      members: false\n"  # they have pages of their own
 
 _SETTINGS = """---
 title: {short}
@@ -60,9 +63,8 @@ title: {short}
 """
 
 
-def _is_settings(name: str) -> bool:
-    """Whether a name is a class whose signature is made when Python runs."""
-    described = member(name)
+def _is_settings(described: griffe.Object | griffe.Alias) -> bool:
+    """Whether it is a class whose signature is made when Python runs."""
     return isinstance(described, griffe.Class) and any(base.path == SETTINGS for base in described.mro())
 
 

@@ -30,7 +30,7 @@ MADE = {
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Fill the pages that are made into the navigation."""
-    for entry in _entries(config.nav):
+    for entry in [*_entries(config.nav)]:
         for title, content in entry.items():
             if content == [] and title in MADE:
                 entry[title] = [place for place, _ in MADE[title]()]
