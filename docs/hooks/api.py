@@ -25,12 +25,16 @@ LINES = r"(?:^(?:\{\{ public.*\}\}|::: .+)\n)+"
 
 def pages() -> Iterator[tuple[str, str]]:
     """Place in the site -> Markdown, for each public name."""
-    for names in groups().values():
-        for name in names:
-            described = member(name)
-            page = _SETTINGS if _is_settings(described) else _FOLDER if described.is_package else _PAGE
-            signature = _signature(name) if page is _SETTINGS else ""
-            yield place(name), page.format(name=name, title=typed(name), short=short(name), signature=signature)
+    names = [name for group in groups().values() for name in group]
+    for name in names:
+        described = member(name)
+        page = _PAGE.format(name=name, title=typed(name), short=short(name))
+        if _is_settings(described):
+            page = _SETTINGS.format(name=name, title=typed(name), short=short(name), signature=_signature(name))
+        if described.is_package:  # names that it hands on have pages of their own
+            inside = [each for each in names if typed(each).startswith(f"{name}.")]
+            page = f"{page}      members: false\n\n{_table(inside)}"
+        yield place(name), page
 
 
 _PAGE = """---
@@ -43,8 +47,6 @@ title: {short}
       toc_label: {title}
       heading_level: 1
 """
-
-_FOLDER = f"{_PAGE}      members: false\n"  # they have pages of their own
 
 _SETTINGS = """---
 title: {short}
@@ -153,5 +155,5 @@ def _names(lines: str) -> list[str]:
 
 
 def _table(names: list[str]) -> str:
-    rows = [f"| [`{typed(name)}`]({place(name)}) | {summary(name)} |" for name in names]
+    rows = [f"| [`{typed(name)}`][{name}] | {summary(name)} |" for name in names]
     return "\n".join(["| name | purpose |", "|---|---|", *rows, ""])
