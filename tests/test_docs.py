@@ -43,7 +43,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.importorskip(package, reason="the extra [docs]: make docs")
     folder = tmp_path_factory.mktemp("site")
     script = [sys.executable, "-W", "ignore", "-c", BUILD, "build", "--strict", "--site-dir", folder]
-    result = subprocess.run(script, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    result = subprocess.run(script, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
     return folder
 
@@ -214,5 +214,5 @@ def test_what_a_page_says_works(page: Path, checkout: Path) -> None:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     environment = {**os.environ, "PYTHONPATH": str(checkout), "PATH": path, "OMP_NUM_THREADS": "1"}
     script = [sys.executable, "-W", "ignore", ROOT / "tests/pages.py", page]
-    result = subprocess.run(script, cwd=checkout, env=environment, capture_output=True, text=True, timeout=300)
+    result = subprocess.run(script, cwd=checkout, env=environment, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
