@@ -3,10 +3,12 @@ from . import data as data
 from . import env as env
 from . import model as model
 from . import planning as planning
+from . import plot as plot
 from . import settings as settings
 from . import training as training
 from .control.agent import Agent as Agent
 from .control.episodes import fly as fly
+from .control.evaluation import evaluate as evaluate
 from .control.pilot import Pilot as Pilot
 from .control.pretrained import load as load
 from .control.registry import register_agent as register_agent
@@ -27,6 +29,7 @@ from .model.settings import LookupSettings as LookupSettings
 from .model.settings import ModelSettings as ModelSettings
 from .model.stack import Stack as Stack
 from .model.transition import TransitionModel as TransitionModel
+from .pipeline.agents import train as train
 from .planning.cem import CEMPlanner as CEMPlanner
 from .planning.gradient import GradientPlanner as GradientPlanner
 from .planning.objective import expected_free_energy as expected_free_energy

@@ -33,6 +33,10 @@ def checkout(tmp_path: Path) -> Path:
     shutil.copytree(ROOT / "runs/reference", tmp_path / "runs/reference")
     for name in ("mkdocs.yml", "pyproject.toml", "CITATION.cff", "README.md"):
         shutil.copy(ROOT / name, tmp_path)
+    loops = Path("affmap/compiled/__pycache__")
+    (tmp_path / loops).mkdir()
+    for path in (ROOT / loops).glob("*.nb[ci]"):  # compiled, which takes minutes; of other sources they are not used
+        shutil.copy(path, tmp_path / loops)
     return tmp_path
 
 
@@ -201,7 +205,7 @@ def test_pictures_are_small() -> None:
 
 PAGES = [
     ROOT / "README.md",
-    *(DOCS / f"{name}.md" for name in ("quickstart", "configuration", "environment")),
+    *(DOCS / f"{name}.md" for name in ("quickstart", "python", "plots", "configuration", "environment")),
     *sorted(DOCS.glob("howto/*.md")),
 ]
 

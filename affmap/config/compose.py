@@ -152,7 +152,7 @@ def _shuffle(*_: Any, **__: Any) -> NoReturn:
 def compose(overrides: Sequence[str]) -> Any:
     """Compose the overrides of one job, Hydra's own settings included; cached, so not to be changed."""
     paths = [path for each in folders() for path in (each, *each.rglob("*"))]
-    modified = max(path.stat().st_mtime_ns for path in paths)
+    modified = max(path.stat().st_mtime_ns for path in paths if path.exists())
     _check_aliases(folders(), modified)
     return _compose(tuple(overrides), folders(), modified)
 

@@ -5,6 +5,7 @@ from .controller import Observation as Observation
 from .episodes import Runs as Runs
 from .episodes import control as control
 from .episodes import fly as fly
+from .evaluation import evaluate as evaluate
 from .oracle import HalfOracle as HalfOracle
 from .oracle import Oracle as Oracle
 from .pilot import Pilot as Pilot

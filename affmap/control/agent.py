@@ -7,6 +7,7 @@ stack, a look-up and a planner; it knows no environment.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
@@ -19,8 +20,10 @@ from affmap.control.controller import Observation as Observation
 from affmap.control.mpc import AgentState as AgentState
 from affmap.control.mpc import PlanningAgent
 from affmap.control.settings import ControlSettings as ControlSettings
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian, nll
+from affmap.lazy import notebook
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import Lookup
@@ -45,6 +48,7 @@ class Agent(PlanningAgent):
         planner: the planner.
         settings: the settings of control.
         channels: names of the K channels that the members have learned to see; None if unknown.
+        vehicle: physical constants of the vehicle that they have learned to fly; None if unknown.
     """
 
     def __init__(
@@ -54,10 +58,12 @@ class Agent(PlanningAgent):
         planner: Planner,
         settings: ControlSettings,
         channels: Sequence[str] | None = None,
+        vehicle: Vehicle | None = None,
     ) -> None:
         """Assemble an agent; `lookup` must belong to `stack`, whose weights cease to require gradients."""
         super().__init__(planner, settings)
-        self.stack, self.lookup, self.channels = stack.requires_grad_(False), lookup, channels
+        self.stack, self.lookup = stack.requires_grad_(False), lookup
+        self.channels, self.vehicle = channels, vehicle
         self._direct, self._cached = DirectEncoder(self.stack), CachedEncoder(self.stack)
         self._compiled = self._compile()
 
@@ -73,7 +79,24 @@ class Agent(PlanningAgent):
     def elsewhere(self, worlds: Sequence[VisibleLayout]) -> Agent:
         """Copy of the agent for another world, or for B others (member-major)."""
         lookup = self.lookup.elsewhere(self.stack, worlds)
-        return Agent(self.stack, lookup, self.planner, self.settings, self.channels)
+        return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the agent into a folder, from where `affmap.load` makes an agent that flies the same runs.
+
+        The folder holds weights, settings, vehicle and the visible part of its world. An agent that was saved there
+        earlier is replaced, and nothing else is: any other file stays, and is an error.
+
+        Raises:
+            ConfigError: the folder cannot be used, or holds something else; or a part of the agent cannot be saved,
+                because no settings describe it.
+        """
+        from affmap.control.saved import save
+
+        save(self, folder)
+
+    def _repr_html_(self) -> str | None:
+        return notebook.agent(self)
 
     def initial_carry(self, num_problems: int) -> Carry:
         """Hidden state of the transition models where flights of B problems begin."""

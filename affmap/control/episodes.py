@@ -6,20 +6,24 @@ All runs proceed side by side, one vehicle environment each. Knows controllers a
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
+from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings, check_channels, prediction_error, seeds_of
+from affmap.control.arguments import AnyLayout, AnyVehicle
 from affmap.control.controller import Controller, Decision, Observation
-from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import Oracle
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, first_layout
+from affmap.env.procedural import first_layout
 from affmap.env.vehicle import VehicleEnv
+from affmap.lazy import notebook
+from affmap.progress import reported, silent
 from affmap.random import generator, integer
 from affmap.results import metrics
 from affmap.results.files import Trajectories
@@ -37,6 +41,11 @@ class Runs(NamedTuple):
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
     `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member [B]`,
     `run [B]`. Values that a controller does not predict are NaN."""
+    layouts: list[Layout]
+    """`[B]`, in which the runs took place."""
+
+    def _repr_html_(self) -> str | None:
+        return notebook.runs(self)
 
     def __repr__(self) -> str:
         num_runs, num_steps = self.trajectories["reached"].shape
@@ -53,10 +62,14 @@ def control(
     settings: ControlSettings,
     seeds: Sequence[int],
     on_step: Callable[[int], None] = lambda step: None,
+    *,
+    starts: np.ndarray | None = None,
+    goals: np.ndarray | None = None,
+    seed: int = 0,
 ) -> Runs:
     """Let every member fly all its runs, in one world or, with B `layouts` (member-major), each in its own.
 
-    Start, goal and all randomness of a run depend on the member's seed and the number of the run only, so that
+    Start, goal and all randomness of a run depend on the member's seed, the number of the run and `seed` only, so that
     agents, planners, look-ups and context sizes are compared on the same starts and goals.
 
     Args:
@@ -66,18 +79,25 @@ def control(
         settings: numbers of runs and steps, and the radius of the goal.
         seeds: of the M members; those of an `Agent` are its own, `agent.seeds`.
         on_step: called with the number of steps done.
+        starts: where the B runs start, `[B, 2]` in u; by default a random place in a corner, for each run the next.
+        goals: where they should end, `[B, 2]` in u; by default a random place in the opposite corner.
+        seed: of other starts, goals and random numbers than those of reports, which have 0.
     """
-    pairs = [(seed, run) for seed in seeds for run in range(settings.runs_per_member)]
+    pairs = [(member, run) for member in seeds for run in range(settings.runs_per_member)]
+    streams = [(member, run, *([seed] if seed else [])) for member, run in pairs]
     layouts_of_runs = [layouts[0]] * len(pairs) if len(layouts) == 1 else layouts
     worlds = [layout.map for layout in layouts]
     envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for layout in layouts_of_runs]
-    generators = [generator(seed, "planner", run) for seed, run in pairs]
-    starts = [
-        env.reset(seed=integer(seed, "start and goal", run), options={"corner": run % 4})
-        for env, (seed, run) in zip(envs, pairs, strict=True)
+    generators = [generator(member, "planner", *keys) for member, *keys in streams]
+    options = [{"corner": run % 4} for _, run in pairs]
+    for key, points in (("position", starts), ("goal", goals)):
+        options = [{**each, key: points[b]} for b, each in enumerate(options)] if points is not None else options
+    begun = [
+        env.reset(seed=integer(member, "start and goal", *keys), options=each)
+        for env, (member, *keys), each in zip(envs, streams, options, strict=True)
     ]
-    positions = [np.stack([info["position"] for _, info in starts])]
-    observation = _batch([start for start, _ in starts], views(worlds, positions[-1]), settings.device)
+    positions = [np.stack([info["position"] for _, info in begun])]
+    observation = _batch([start for start, _ in begun], views(worlds, positions[-1]), settings.device)
     record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     state = controller.initial(len(pairs))
     for step in range(settings.num_steps):
@@ -92,43 +112,84 @@ def control(
     trajectories["position"] = np.stack(positions, axis=1).astype(np.float32)
     trajectories["goal"] = np.stack([env.goal for env in envs])
     trajectories["member"], trajectories["run"] = np.array(pairs).T
-    return Runs(summarise(trajectories), trajectories)
+    return Runs(summarise(trajectories), trajectories, list(layouts_of_runs))
 
 
-def fly(controller: Controller, layout: Layout | Procedural | Mapping[str, Any] | str, *, threads: int = 1) -> Runs:
-    """Let every member of an agent fly all its runs in any layout, with the vehicle of the paper.
+def fly(
+    controller: Controller,
+    layout: AnyLayout,
+    *,
+    runs: int | None = None,
+    steps: int | None = None,
+    starts: ArrayLike | None = None,
+    goals: ArrayLike | None = None,
+    seed: int = 0,
+    vehicle: AnyVehicle | None = None,
+    progress: bool = True,
+    threads: int = 1,
+) -> Runs:
+    """Let every member of an agent fly all its runs in any layout.
 
     Args:
-        controller: an agent made by `affmap.load`, for instance. Any other controller flies the runs of member 0, with
-            the settings of `conf/control/default.yaml`; `control` takes other ones.
+        controller: an agent made by `affmap.load` or `affmap.train`, for instance. Any other controller flies the runs
+            of member 0, with the settings of `conf/control/default.yaml`; `control` takes other ones.
         layout: the world, or its keys and values, or the name of a file in `conf/layout`; for rules of worlds, the
             first member's first world.
+        runs: R, runs of each member; by default as many as there are `starts` or `goals`, else those of the agent's
+            settings.
+        steps: T, length of the runs; by default that of the agent's settings.
+        starts: where each member's runs start, `[R, 2]` in u, or where all of them do, `[2]`; or those of all members,
+            `[B, 2]` (member-major). By default a random place in a corner, for each run in the next one.
+        goals: where they should end, likewise. By default a random place in the opposite corner.
+        seed: of starts, goals and all other random numbers; 0 gives the runs of reports.
+        vehicle: the physics; by default that which the agent was trained in, else that of `conf/vehicle/default.yaml`.
+        progress: whether a terminal shows the number of steps done.
         threads: of PyTorch, during the flight.
 
     Raises:
-        ConfigError: there is no such file, or the agent was trained with other channels.
+        ConfigError: there is no such file, or the agent was trained with other channels; a number is not allowed; or a
+            start or a goal is outside of the arena or in an obstacle.
         ValueError: there are no threads.
+
+    Warns:
+        UserWarning: the vehicle is another than the agent was trained with.
     """
     seeds = seeds_of(controller)
-    settings = (
-        controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
-    )
-    first = first_layout(layout, seeds[0])
-    with limited(threads):
-        return control(bring(controller, first), [first], Vehicle.load("vehicle", "default"), settings, seeds)
+    first, physics = first_layout(layout, seeds[0]), arguments.vehicle(controller, vehicle)
+    settings = arguments.settings(controller, arguments.num_runs(runs, starts, goals), steps)
+    shape = len(seeds), settings.runs_per_member
+    show = reported if progress else silent
+    with (
+        limited(threads),
+        show(f"flight in {first.name}", settings.num_steps, "steps", on_terminal_only=True) as update,
+    ):
+        return control(
+            bring(controller, first),
+            [first],
+            physics,
+            settings,
+            seeds,
+            update,
+            starts=arguments.places("starts", starts, shape, first, physics.radius),
+            goals=arguments.places("goals", goals, shape, first),
+            seed=arguments.seed(seed),
+        )
 
 
-def bring(controller: Controller, layout: Layout) -> Controller:
-    """Bring a controller into a layout: agents with a look-up or knowledge of the world are copied, others returned.
+def bring(controller: Controller, *layouts: Layout) -> Controller:
+    """Bring a controller into a layout, or into those of B vehicles (member-major).
+
+    Agents with a look-up or knowledge of the world are copied, others returned.
 
     Raises:
         ConfigError: an `Agent` was trained with other channels.
     """
     if isinstance(controller, Oracle):
-        return controller.elsewhere([layout])
+        return controller.elsewhere(layouts)
     if isinstance(controller, Agent):
-        check_channels(controller, layout)
-        return controller.elsewhere([layout.map])
+        for layout in layouts:
+            check_channels(controller, layout)
+        return controller.elsewhere([layout.map for layout in layouts])
     return controller
 
 

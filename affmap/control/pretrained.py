@@ -1,4 +1,4 @@
-"""Trained agents, from a run or from the reference run that comes with the package."""
+"""Trained agents, from a run, from the reference run that comes with the package, or from a folder of their own."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from affmap.control import saved
 from affmap.control.agent import Agent, ControlSettings
+from affmap.control.episodes import bring
+from affmap.env.body import Vehicle
 from affmap.env.procedural import first_layout
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
@@ -22,8 +25,8 @@ from affmap.threads import limited
 def load(
     source: str | Path = "exp1",
     *,
-    context_size: int = 8,
-    members: Sequence[int] = (0,),
+    context_size: int | None = None,
+    members: Sequence[int] | None = None,
     planner: Planner | str | None = None,
     layout: str | None = None,
     transition: str | None = None,
@@ -33,12 +36,13 @@ def load(
 
     Args:
         source: the folder of an experiment's report, such as `runs/exp1`, with its store beside it; or the name of an
-            experiment of the reference run, `exp1` to `exp5` (an installed package has only a part of it).
-        context_size: C, of those that the experiment has.
-        members: seeds of the members to load, of its M.
-        planner: any planner; or the name of a file of `conf/planner`; by default that of the first job.
+            experiment of the reference run, `exp1` to `exp5` (an installed package has only a part of it); or the
+            folder of an agent that was saved (`Agent.save`).
+        context_size: C, of those that the experiment has, by default 8; that of a saved agent.
+        members: seeds of the members to load, of M; by default 0 alone of an experiment, and all of a saved agent.
+        planner: any planner; or the name of a file of `conf/planner`; by default that of the first job, or its own.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
-            Experiment III have different models.)
+            Experiment III have different models.) A saved agent can be brought into any layout.
         transition: the kind of transition model, such as `gru`, of those that the experiment has; by default the first.
         threads: of PyTorch, for the affordance map.
 
@@ -47,6 +51,10 @@ def load(
             says what there is.
         StoreError: the weights are corrupted.
     """
+    if saved.is_saved(Path(source)):
+        with limited(threads):
+            return _load_saved(Path(source), context_size, members, planner, layout, transition)
+    context_size, members = 8 if context_size is None else context_size, (0,) if members is None else members
     report = _report(source)
     record = manifest.read(report)
     job = _job(record, report, context_size, layout, transition)
@@ -61,7 +69,33 @@ def load(
         _planner(planner, config["planner"]),
         ControlSettings.model_validate({"device": "cpu", **config["control"]}),
         first.channels,
+        Vehicle.model_validate(config["vehicle"]),
     )
+
+
+def _load_saved(
+    folder: Path,
+    context_size: int | None,
+    members: Sequence[int] | None,
+    planner: Planner | str | None,
+    layout: str | None,
+    transition: str | None,
+) -> Agent:
+    """Load a saved agent; arguments and errors as of `load`."""
+    agent = saved.load(folder, members)
+    settings = agent.stack.settings
+    if context_size not in (None, settings.context_size):
+        raise ConfigError(f"{folder} has models of the context size {settings.context_size}, none of {context_size}.")
+    if transition not in (None, settings.transition.kind):
+        kind = settings.transition.kind
+        raise ConfigError(f"{folder} has transition models of the kind {kind}; none is {transition!r}.")
+    if planner is not None:
+        agent.planner = _planner(planner, {})
+    if layout is None:
+        return agent
+    brought = bring(agent, first_layout(layout, agent.seeds[0]))
+    assert isinstance(brought, Agent)
+    return brought
 
 
 def reference() -> Path:
@@ -87,6 +121,8 @@ class Origin(NamedTuple):
     """Name of the first layout of control."""
     channels: tuple[str, ...]
     """Names of the K channels that its models see."""
+    vehicle: Vehicle
+    """The first vehicle."""
 
 
 def origin(source: str | Path) -> Origin:
@@ -100,8 +136,10 @@ def origin(source: str | Path) -> Origin:
     jobs = record["jobs"]
     there = {job["context_size"] for job in jobs if all(_weights(report, digest).is_file() for digest in job["train"])}
     channels = record["configs"]["data"]["training_layouts"][0]["channels"]
-    planner = provenance.config_of(record, jobs[0]["control"][0])["planner"]["kind"]  # even if another agent flew
-    return Origin(sorted(there), planner, jobs[0]["layout"], tuple(channels))
+    config = provenance.config_of(record, jobs[0]["control"][0])
+    planner = config["planner"]["kind"]  # even if another agent flew
+    vehicle = Vehicle.model_validate(config["vehicle"])
+    return Origin(sorted(there), planner, jobs[0]["layout"], tuple(channels), vehicle)
 
 
 def _weights(report: Path, digest: str) -> Path:

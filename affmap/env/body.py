@@ -1,7 +1,8 @@
 """The vehicle as data: its throttles and physical constants, within the limits of Box2D, which is not imported."""
 
 import math
-from typing import Annotated, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -76,3 +77,14 @@ class Vehicle(Settings, defaults="vehicle/default"):
         # In a step Box2D adds the thrust, then scales by 1 - damping * time step.
         scale = 1 - self.damping * self.time_step_s
         return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * scale
+
+
+def load(vehicle: Vehicle | Mapping[str, Any] | str) -> Vehicle:
+    """A vehicle: as it is, from its keys and values, or by its name in `conf/vehicle`.
+
+    Raises:
+        ConfigError: there is no such file, or a value is not allowed.
+    """
+    if isinstance(vehicle, str):
+        return Vehicle.load("vehicle", vehicle)
+    return vehicle if isinstance(vehicle, Vehicle) else Vehicle.checked(vehicle, "vehicle")

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from affmap.settings import NAME, ConfigError, extensions
-from affmap.settings.messages import format_value
+from affmap.settings.messages import OWN, format_value
 
 Force = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Force of a circle on the vehicle, `[..., 2]` in N. Its arguments are the way from the circle's centre to that of the
@@ -65,9 +65,10 @@ def register_effect(name: str, effect: Effect) -> None:
         raise ValueError(f"the effect {name!r} has pull = {effect.pull!r}; it should be a direction, x and y.")
     if effect.force is not None:
         force_at(name, effect.force, np.zeros((3, 2)), np.zeros((3, 2)))
-    above = {key: EFFECTS.pop(key) for key in _HIGHEST}
-    EFFECTS.update({name: effect, **above})
     extensions.note("effect", name, sys._getframe(1).f_globals["__name__"])  # effects do not know their module
+    above = {key: EFFECTS.pop(key) for key in _HIGHEST}
+    EFFECTS.pop(name, None)
+    EFFECTS.update({name: effect, **above})
 
 
 def check_effect(name: str) -> str:
@@ -80,7 +81,7 @@ def check_effect(name: str) -> str:
     if name not in EFFECTS:
         extensions.load()
     if name not in EFFECTS:
-        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}; {extensions.HOW}")
+        raise ValueError(f"should be one of {', '.join(map(repr, EFFECTS))}; {OWN}")
     return name
 
 

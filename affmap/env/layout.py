@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import check_effect
+from affmap.lazy import notebook
 from affmap.settings import Length, Line, Name, Neutral, Number, Settings
 from affmap.view import VisibleLayout
 
@@ -59,6 +60,7 @@ class Arena(Settings):
     """
 
     name: Name
+    """That of its file in `conf/layout`, if it has one."""
     size: tuple[Length, Length]
     """Width and height of the arena, u."""
     channels: tuple[Line, ...] = Field(min_length=1)
@@ -104,6 +106,7 @@ class Layout(Arena):
     """A layout: an arena and its circles."""
 
     circles: tuple[Circle, ...] = Field(max_length=MAX_CIRCLES)
+    """Obstacles, force fields, fog, and circles without an effect; they may overlap."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -130,6 +133,9 @@ class Layout(Arena):
         """The visible part of this layout."""
         circles = tuple((*circle.center, circle.radius, self.channels.index(circle.channel)) for circle in self.circles)
         return VisibleLayout(self.size, len(self.channels), self.channels.index(self.border_channel), circles)
+
+    def _repr_html_(self) -> str:
+        return notebook.layout(self)
 
     def corner(self, corner: int) -> np.ndarray:
         """Lower left and upper right point of a corner's square, `[2, 2]` in u."""

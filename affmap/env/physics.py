@@ -12,7 +12,7 @@ import Box2D
 import numpy as np
 
 from affmap.env.body import THROTTLES, Vehicle
-from affmap.env.effects import EFFECTS, force_at, pulls
+from affmap.env.effects import EFFECTS, check_effect, force_at, pulls
 from affmap.env.layout import Layout
 
 TOUCH = 10 * float(np.finfo(np.float32).eps)
@@ -42,7 +42,8 @@ class Physics:
             if circle.effect not in ("obstacle", "none")
         ]
         self._pulls = pulls()
-        self._forces = [(*terrain, force) for terrain in self._terrains if (force := EFFECTS[terrain[3]].force)]
+        forces = {name: EFFECTS[check_effect(name)].force for *_, name in self._terrains}
+        self._forces = [(*circle, force) for circle in self._terrains if (force := forces[circle[3]])]
         density = vehicle.mass / (math.pi * vehicle.radius**2)
         shape = Box2D.b2FixtureDef(shape=Box2D.b2CircleShape(radius=vehicle.radius), density=density, friction=0)
         self._body = self._world.CreateDynamicBody(

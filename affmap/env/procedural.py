@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout
+from affmap.lazy import notebook
 from affmap.random import generator
 from affmap.settings import ConfigError, Count, Length, Line, NonNegative, Settings, read
 from affmap.settings.messages import format_value
@@ -59,6 +60,7 @@ class Procedural(Arena):
     corner_side: Length
     """Side of the squares in the arena's corners that no circle reaches into, u."""
     properties: tuple[Property, ...] = Field(min_length=1)
+    """Kinds of circles."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -118,6 +120,9 @@ class Procedural(Arena):
             f"radius; make count = {list(self.count)}, radius = {list(self.radius)}, gap = {self.gap} or "
             f"corner_side = {self.corner_side} smaller, or size = {list(self.size)} larger."
         )
+
+    def _repr_html_(self) -> str | None:
+        return notebook.rules(self)
 
     def _has_area(self) -> bool:
         """Whether the fewest and smallest circles, each with half of the gap around it, have less area than the arena.

@@ -11,6 +11,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
 from affmap.env.body import Vehicle
+from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
 from affmap.env.procedural import Procedural, load
@@ -114,9 +115,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if not 0 < goal_radius < np.inf:
             raise ValueError(f"goal_radius = {goal_radius} is not allowed: it should be greater than 0 and finite.")
         self._arena = load(layout)
-        if isinstance(vehicle, str):
-            vehicle = Vehicle.load("vehicle", vehicle)
-        self.vehicle = vehicle if isinstance(vehicle, Vehicle) else Vehicle.checked(vehicle, "vehicle")
+        self.vehicle = load_vehicle(vehicle)
         self._layout = self._arena if isinstance(self._arena, Layout) else None
         if self._layout is not None:
             self._layout.check_corners(self.vehicle.radius)

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
+from affmap.lazy import notebook
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.palette import Palette
@@ -98,12 +99,23 @@ class AffordanceMap:
         codes: `[M * W, Y, X, C]`, codes at the nodes in W worlds a member; row 0 is y = 0, column 0 is x = 0.
         worlds: the maps of the worlds that it was painted for: one, shared by all (W is 1), or M * W.
         differentiable: whether gradients flow through the map to the position.
+        spacing: largest distance between neighbouring nodes that was asked for, u.
     """
 
-    def __init__(self, codes: Tensor, worlds: Sequence[VisibleLayout], differentiable: bool = False) -> None:
-        """Take codes `[M * W, Y, X, C]` whose outermost nodes lie on the borders of the arena."""
+    def __init__(
+        self,
+        codes: Tensor,
+        worlds: Sequence[VisibleLayout],
+        differentiable: bool = False,
+        spacing: float | None = None,
+    ) -> None:
+        """Take codes `[M * W, Y, X, C]` whose outermost nodes lie on the borders of the arena.
+
+        `spacing` is by default the distance between columns.
+        """
         self.codes, self.worlds = codes, worlds
         self.differentiable = differentiable
+        self.spacing = worlds[0].size[0] / (codes.shape[2] - 1) if spacing is None else spacing
         self._picture = codes.permute(0, 3, 1, 2)
         self._scale = 2 / codes.new_tensor(worlds[0].size)
         self._lower = codes.new_tensor(-1.0)
@@ -112,11 +124,6 @@ class AffordanceMap:
         number, height, width, context_size = self.codes.shape
         nodes = f"{width} x {height} nodes {self.spacing:.3g} u apart"
         return f"AffordanceMap({counted(number, 'map')} of {nodes}, C = {context_size})"
-
-    @property
-    def spacing(self) -> float:
-        """Distance between neighbouring nodes of a row, u."""
-        return self.worlds[0].size[0] / (self.codes.shape[2] - 1)
 
     @classmethod
     def paint(
@@ -131,11 +138,11 @@ class AffordanceMap:
             differentiable: whether gradients are to flow through the map to the position.
         """
         if len(worlds) == 1:
-            return cls(_codes_at_nodes(stack, worlds[0], spacing), worlds, differentiable)
+            return cls(_codes_at_nodes(stack, worlds[0], spacing), worlds, differentiable, spacing)
         num_members = len(stack.seeds)
         members = [stack.select([number * num_members // len(worlds)]) for number in range(len(worlds))]
         codes = [_codes_at_nodes(member, world, spacing) for member, world in zip(members, worlds, strict=True)]
-        return cls(torch.cat(codes), worlds, differentiable)
+        return cls(torch.cat(codes), worlds, differentiable, spacing)
 
     def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> AffordanceMap:
         """Paint a map with the same spacing for `stack` in another world, or in B others."""
@@ -148,6 +155,9 @@ class AffordanceMap:
         """
         codes = self.codes[index].cpu().numpy()
         return Palette.fit(codes.reshape(codes.shape[0] * codes.shape[1], codes.shape[2]))(codes)
+
+    def _repr_html_(self) -> str | None:
+        return notebook.affordance_map(self)
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""

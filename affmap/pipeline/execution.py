@@ -37,7 +37,7 @@ def run(config: Config) -> Setting:
     check_trials(config)
     check_logger(config)
     _set_up(config)
-    data, train = _models(config, (TRAIN, CONTROL))
+    data, train = models(config, (TRAIN, CONTROL))
     predictions = _ensure(config, PREDICT, (CONTROL,), lambda attempt: make_predictions(config, data, train, attempt))
     maps = _ensure(config, MAP, (CONTROL,), lambda attempt: make_maps(config, train, attempt))
     runs = _ensure(config, CONTROL, (CONTROL,), lambda attempt: make_runs(config, train, attempt))
@@ -58,7 +58,7 @@ def validation(config: Config) -> np.ndarray:
     check_models(config)
     check_logger(config)
     _set_up(config)
-    _, train = _models(config, (TRAIN,))
+    _, train = models(config, (TRAIN,))
     table = files.read_validation(train).query(f"epoch == {config.training.num_epochs}")
     losses = table["validation_nll"].to_numpy().reshape(-1, config.members)
     return np.median(losses, axis=1)
@@ -87,9 +87,9 @@ def _set_up(config: Config) -> None:
     compiled.use(config.compiled)
 
 
-def _models(config: Config, planned: Collection[StageDefinition]) -> tuple[Path, Path]:
-    """Complete exploration and training; returns their folders."""
-    data = _ensure(config, DATA, planned, lambda attempt: make_data(config, attempt))
+def models(config: Config, planned: Collection[StageDefinition], dataset: Path | None = None) -> tuple[Path, Path]:
+    """Complete exploration, unless there is a data set, and training; returns their folders."""
+    data = dataset or _ensure(config, DATA, planned, lambda attempt: make_data(config, attempt))
     return data, _ensure(config, TRAIN, planned, lambda attempt: make_models(config, data, attempt))
 
 

@@ -21,7 +21,11 @@ def make_models(config: Config, data: Path, attempt: Attempt) -> None:
     trials = f"{num_trials} trials of " if num_trials else ""
     description = f"training of {trials}{config.members} members, {config.model.name}"
     with track(description, config.training.num_epochs, "epochs", attempt.progress) as update:
-        fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, update, _board(config))
+
+        def on_epoch(epoch: int, validation_nll: float) -> None:
+            update(epoch, f"validation {validation_nll:.2f} nats")
+
+        fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, on_epoch, _board(config))
 
 
 def _board(config: Config) -> Path | None:

@@ -81,7 +81,7 @@ class Game:
         if world not in self.worlds:
             raise ConfigError(f"world {world!r} is not one that these models can see: {', '.join(self.worlds)}.")
         self.world, self.layout = world, Layout.load("layout", world)
-        self.env = VehicleEnv(self.layout)
+        self.env = VehicleEnv(self.layout, self.origin.vehicle)
         self._take_controls(new_colors=True)
         self.reset()
 
@@ -128,7 +128,7 @@ class Game:
         values["circles"][number]["center"] = tuple(np.clip(center, 0, self.layout.size).tolist())
         layout = Layout.model_validate(values)
         try:
-            env = VehicleEnv(layout)
+            env = VehicleEnv(layout, self.origin.vehicle)
             options = {"position": self.past[-1], "goal": self.env.goal}
             observation, info = env.reset(seed=next(self._seeds), options=options)
         except ValueError:

@@ -14,9 +14,9 @@ import pygame
 import torch
 
 from affmap.cli.app import command
+from affmap.control.arguments import vehicle
 from affmap.control.episodes import fly
 from affmap.control.pretrained import experiments, load, origin
-from affmap.env.body import Vehicle
 from affmap.env.procedural import first_layout
 from affmap.env.rendering import BLACK, WHITE, Canvas
 from affmap.env.scene import Scene
@@ -60,19 +60,17 @@ def film(
     Raises:
         ConfigError: there are no such models, world or planner.
     """
-    first, radius = first_layout(layout or origin(source).layout, member), Vehicle.load("vehicle", "default").radius
+    first = first_layout(layout or origin(source).layout, member)
     films = []
     for context_size in context_sizes:
         agent = load(source, context_size=context_size, members=[member], planner=planner)
-        if num_steps:
-            agent.settings = agent.settings.model_copy(update={"num_steps": num_steps})
-        paths = Trajectories(**fly(agent, first).trajectories)
+        paths = Trajectories(**fly(agent, first, steps=num_steps).trajectories)
         extras: dict[str, Any] = {"goal_radius": agent.settings.goal_radius}
         if with_map and context_size:
             codes = AffordanceMap.paint(agent.stack, [first.map], SPACING).codes[0].numpy()
             extras["ground"] = Palette.fit(codes.reshape(-1, context_size))(codes)
         title = f"context code of {context_size}" if context_size else "no context code"
-        scenes = [paths.scene(run, step, first, radius) for step in range(paths.action.shape[1])]
+        scenes = [paths.scene(run, step, first, vehicle(agent).radius) for step in range(paths.action.shape[1])]
         films.append(_pictures([scene._replace(**extras) for scene in scenes], title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)

@@ -121,8 +121,8 @@ def register_metric(column: str, metric: Metric) -> None:
         )
     if not callable(metric.of_runs) or metric.stored:
         raise ValueError(f"the metric {column!r} needs a function of trajectories, of_runs, and cannot be stored.")
-    METRICS[column] = metric
     extensions.note("metric", column, sys._getframe(1).f_globals["__name__"])  # that of a function may be another
+    METRICS[column] = metric
 
 
 def stored_metrics() -> list[str]:

@@ -15,16 +15,10 @@ from importlib.metadata import Distribution, distribution, entry_points, package
 from pathlib import Path
 from typing import Any
 
-from affmap.settings.messages import ConfigError, format_value, one_line
+from affmap.settings.messages import VARIABLE, ConfigError, format_value, one_line
 
 GROUP = "affmap"
 """Group of entry points; the value of each is a module."""
-
-VARIABLE = "AFFMAP_IMPORT"
-"""Environment variable with the names of modules, separated by commas; they may lie in the current folder."""
-
-HOW = f"one of your own is known once {VARIABLE}, or an entry point of its package, names its module"
-"""How names from outside become known, for messages about unknown ones."""
 
 _outside: dict[tuple[str, str], str] = {}
 """Place in a configuration, and a name there -> the module from outside that registered it."""
@@ -70,9 +64,14 @@ def note(place: str, name: str, module: str) -> None:
         place: the key of a configuration that takes the name, such as `planner.kind`.
         name: that was registered.
         module: that registered it.
+
+    Raises:
+        ValueError: another module from outside has registered it.
     """
-    if module.partition(".")[0] != __name__.partition(".")[0]:
-        _outside[place, name] = module
+    if module.partition(".")[0] == __name__.partition(".")[0]:
+        return
+    if (other := _outside.setdefault((place, name), module)) != module:
+        raise ValueError(f"{name!r} of {module} is registered by {other} already; give it another name.")
 
 
 def origins(config: Mapping[str, Any]) -> list[dict[str, str]]:

@@ -8,6 +8,12 @@ from typing import Any
 
 from pydantic_core import ErrorDetails
 
+VARIABLE = "AFFMAP_IMPORT"
+"""Environment variable with the names of users' modules, separated by commas; they may lie in the current folder."""
+
+OWN = f"one of your own is known once {VARIABLE}, or an entry point of its package, names its module"
+"""How names from outside become known (`affmap.settings.extensions`), for messages about unknown ones."""
+
 MOST = 10
 """Sentences of one error; further ones are only counted."""
 
@@ -98,7 +104,7 @@ def sentence(item: ErrorDetails, values: Any, keys: Collection[str]) -> str:
         return f"{key}.kind is missing; add the key."
     if item["type"] == "union_tag_invalid":
         tags = item["ctx"]["expected_tags"].replace(", ", " or ")
-        return f"{key}.kind = {format_value(item['ctx']['tag'])} is not allowed: it should be {tags}."
+        return f"{key}.kind = {format_value(item['ctx']['tag'])} is not allowed: it should be {tags}; {OWN}."
     if item["type"] == "value_error" and isinstance(item["input"], Mapping):
         return f"{key}: {problem}" if key else problem  # a check of several keys names them and their values itself
     if isinstance(item.get("ctx", {}).get("error"), ConfigError):

@@ -10,7 +10,6 @@ from pydantic import Field, TypeAdapter
 
 from affmap.settings import extensions
 from affmap.settings.base import Settings
-from affmap.settings.messages import format_value
 
 S = TypeVar("S", bound=Settings)
 
@@ -69,7 +68,7 @@ class Registry:
         """Settings from plain values, by their `kind`.
 
         Raises:
-            ValueError: there is no such kind, or a value is not allowed.
+            ValidationError: there is no such kind, or a value is not allowed.
             ConfigError: a module that the user named cannot be imported.
         """
         if isinstance(values, tuple(self._registered)):
@@ -83,11 +82,6 @@ class Registry:
                     import_module(f"{self._package}.{name}")
         if kind is not None and not self._knows(kind):
             extensions.load()
-            if not self._knows(kind):
-                known = sorted(name for each in self._registered for name in _kinds(each))
-                raise ValueError(
-                    f"kind = {format_value(kind)} is not known; there are {', '.join(known)}; {extensions.HOW}."
-                )
         return _adapter(*sorted(self._registered, key=lambda each: sorted(_kinds(each)))).validate_python(values)
 
 

@@ -30,6 +30,9 @@ from affmap.training.tensorboard import Board
 
 log = logging.getLogger("affmap")
 
+OnEpoch = Callable[[int, float], None]
+"""Called with the number of completed epochs, and the members' median validation NLL after the last of them, nats."""
+
 
 class _Epochs(Checkpoint):
     """Writes snapshots, a checkpoint and losses for TensorBoard after each epoch, and reports progress.
@@ -38,9 +41,7 @@ class _Epochs(Checkpoint):
     are part of the checkpoint, so a single file holds everything that an interrupted training needs.
     """
 
-    def __init__(
-        self, checkpoints: Path, snapshot_epochs: set[int], on_epoch: Callable[[int], None], board: Board | None
-    ) -> None:
+    def __init__(self, checkpoints: Path, snapshot_epochs: set[int], on_epoch: OnEpoch, board: Board | None) -> None:
         self._checkpoints, self._snapshot_epochs, self._on_epoch = checkpoints, snapshot_epochs, on_epoch
         self._board = board
         self.snapshots: dict[int, dict[str, Tensor]] = {}
@@ -59,7 +60,7 @@ class _Epochs(Checkpoint):
         keep(self._checkpoints, trainer.save_checkpoint)
         if self._board:
             self._board.show(pl_module, epoch)
-        self._on_epoch(epoch)
+        self._on_epoch(epoch, pl_module.validation_nll[epoch - 1].quantile(0.5).item())
 
 
 def keep(checkpoints: Path, save: Callable[[Path], None]) -> None:
@@ -89,14 +90,14 @@ def fit(
     settings: TrainingSettings,
     folder: Path,
     checkpoints: Path,
-    on_epoch: Callable[[int], None] = lambda epoch: None,
+    on_epoch: OnEpoch = lambda epoch, validation_nll: None,
     board: Path | None = None,
 ) -> None:
     """Train `stack` and write `weights.safetensors`, snapshots and `validation.csv` into `folder`.
 
     An interrupted training resumes from the checkpoint that each epoch leaves in the folder `checkpoints`, with the
-    same result (up to rounding on a GPU, which adds in no fixed order). `on_epoch` is called with the number of
-    completed epochs. TensorBoard finds the losses in the folder `board`, if one is given.
+    same result (up to rounding on a GPU, which adds in no fixed order). `on_epoch` is called after each epoch.
+    TensorBoard finds the losses in the folder `board`, if one is given.
     """
     # Lightning logs advice, and warns of its own use of a renamed class of PyTorch and of data loaded without workers
     # (all data are in memory).

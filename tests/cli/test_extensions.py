@@ -130,7 +130,7 @@ def told(folder: Path, *overrides: str) -> str:
         (
             "",
             "agent=still",
-            r"agent: kind = 'still' is not known; there are .*oracle.*; one of your own is known",
+            r"agent.kind = 'still' is not allowed: it should be .*'oracle' .*; one of your own is known",
         ),
         (
             "note",
@@ -175,7 +175,7 @@ def test_a_stored_file_imports_nothing(
     for names in ("", "still"):
         monkeypatch.setenv("AFFMAP_IMPORT", names)
         assert in_process(monkeypatch, "affmap-status", ["output"]) == 2
-        assert "kind = 'still' is not known" in capsys.readouterr().err
+        assert "agent.kind = 'still' is not allowed" in capsys.readouterr().err
         assert (work / "canary").exists() == bool(names)
 
 

@@ -87,11 +87,14 @@ def test_what_comes_with_the_package_can_be_flown(tmp_path: Path, monkeypatch: p
         affmap.load("exp4", context_size=3)
 
 
+SWEEP = ["members=1", "vehicle.thrust=0.7", "vehicle.radius=0.05"]
+
+
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sweep whose members were divided among two jobs, with its report."""
+    """A sweep in a vehicle of its own, whose members were divided among two jobs, with its report."""
     folder = tmp_path_factory.mktemp("ran")
-    sweep = ["model.context_size=0,1", "members=1", "seed=0,1", "output=" + str(folder / "output")]
+    sweep = [*SWEEP, "model.context_size=0,1", "seed=0,1"]
     result = command(folder, *sweep)
     assert result.returncode == 0, result.stdout + result.stderr
     with pytest.MonkeyPatch.context() as patch:
@@ -100,9 +103,9 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_an_agent_of_a_run_flies_what_the_run_has_recorded(ran: Path) -> None:
-    """The same starts, goals and plans, so the same paths, to rounding."""
+    """The same starts, goals, plans and vehicle, so the same paths, to rounding."""
     for seed in (0, 1):
-        (config,) = jobs(ran, "model.context_size=1", "members=1", f"seed={seed}")
+        (config,) = jobs(ran, *SWEEP, "model.context_size=1", f"seed={seed}")
         job = pipeline.find(config)
         assert job is not None
         recorded = np.load(job.control[0] / "trajectories.npz")
@@ -110,6 +113,7 @@ def test_an_agent_of_a_run_flies_what_the_run_has_recorded(ran: Path) -> None:
         runs = affmap.fly(agent, "original")
         for key in ("position", "goal", "action", "planned_position"):
             np.testing.assert_allclose(runs.trajectories[key], recorded[key], atol=1e-5)
+        assert agent.vehicle == pretrained.origin(ran / "output").vehicle == config.vehicle
 
 
 def test_a_mistake_is_told(ran: Path) -> None:

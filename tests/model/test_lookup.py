@@ -129,6 +129,9 @@ def test_nodes_are_at_most_the_spacing_apart(spacing: float, columns: int, rows:
     assert painted.codes.shape == (1, rows, columns, 3)
     assert math.ceil(WORLD.size[0] / spacing) == columns - 1 and math.ceil(WORLD.size[1] / spacing) == rows - 1
     assert painted(places(1, 5, margin=1)).isfinite().all()
+    again = painted.elsewhere(stack(4), [WORLD])  # not by the distance of columns, which may be shorter
+    assert torch.equal(again.codes, painted.codes) and again.spacing == spacing
+    assert AffordanceMap(painted.codes, [WORLD]).spacing == 3 / (columns - 1)
 
 
 def test_the_configured_spacing_gives_the_nodes_one_expects() -> None:

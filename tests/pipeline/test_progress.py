@@ -3,10 +3,13 @@
 import io
 import multiprocessing
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
-from affmap.pipeline.progress import track
+from affmap.pipeline.progress import displayed, track
+from affmap.progress import Update
 
 
 class Clock:
@@ -96,3 +99,29 @@ def test_an_error_passes_through(monkeypatch: pytest.MonkeyPatch, is_terminal: b
         monkeypatch.setattr(sys, "stdout", Terminal())
     with pytest.raises(RuntimeError, match="broken"), track("flying", 7, "steps"):
         raise RuntimeError("broken")
+
+
+def test_a_remark_stands_behind_the_number(caplog: pytest.LogCaptureFixture, clock: Clock) -> None:
+    """In a line, and in a bar's."""
+    with caplog.at_level("INFO", logger="affmap"), track("training", 9, "epochs") as update:
+        update(1, "validation -1.00 nats")
+        clock.now += 16
+        update(2, "validation -2.50 nats")
+    assert caplog.messages[1:] == ["training: 2 of 9 epochs, validation -2.50 nats, 1:52 left"]
+
+
+def test_a_caller_may_display_it_otherwise(capsys: pytest.CaptureFixture[str]) -> None:
+    """All that is passed on, in the block only; what notes it still does."""
+    shown: list[tuple[object, ...]] = []
+    noted: list[tuple[int, int]] = []
+
+    @contextmanager
+    def display(*about: object) -> Iterator[Update]:
+        shown.append(about)
+        yield lambda *values: shown.append(values)
+
+    with displayed(display), track("flying", 3, "steps", lambda *values: noted.append(values)) as update:
+        update(1, "high")
+    with track("walking", 3, "steps") as update:
+        update(1)
+    assert shown == [("flying", 3, "steps"), (1, "high")] and noted == [(1, 3)]

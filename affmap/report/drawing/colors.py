@@ -42,12 +42,17 @@ def make_groups(results: Results, settings: ReportSettings) -> Groups:
     """Groups of a report's runs, by the values of its second factor."""
     factor, values = results.color, results.color_values
     names = {value: name_of(factor, value, settings) for value in values}
+    x_names = x_names_of(results, settings) if isinstance(results.x_values[0], str) else {}
+    return Groups(factor.column, names, group_colors(names), results.x, x_names)
+
+
+def group_colors(names: Mapping[Value, str]) -> dict[str, str]:
+    """Name -> colour, for the names of the values of a grouping variable; planners have colours of their own."""
     own = {kind: planner.color for kind, planner in PLANNERS.items()}
-    others = [value for value in values if value not in own]
+    others = [value for value in names if value not in own]
     palette = GROUP_COLORS if len(others) <= len(GROUP_COLORS) else sns.husl_palette(len(others)).as_hex()
     colors = own | dict(zip(others, palette, strict=False))
-    x_names = x_names_of(results, settings) if isinstance(results.x_values[0], str) else {}
-    return Groups(factor.column, names, {name: colors[value] for value, name in names.items()}, results.x, x_names)
+    return {name: colors[value] for value, name in names.items()}
 
 
 def x_names_of(results: Results, settings: ReportSettings) -> dict[Value, str]:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from affmap.env.effects import EFFECTS
 from affmap.report.drawing.colors import x_colors
-from affmap.report.drawing.numbers import LINEAR, name_places, unpredicted
+from affmap.report.drawing.numbers import LINEAR, name_places, say, unpredicted
 from affmap.results import failures
 from affmap.results.setting import CONTEXT_SIZE, Factor, Value
 
@@ -24,7 +24,7 @@ def reasons(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
         x: the factor on the x axis.
     """
     shares = failures.shares(runs, "reason", failures.REASONS, x.column)
-    return _stacked(ax, shares, failures.REASONS, REASON_COLORS, x)
+    return _stacked(ax, shares, failures.REASONS, REASON_COLORS, x, "no run failed")
 
 
 def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
@@ -38,7 +38,8 @@ def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
     names = failures.things().items()
     things = {thing: f"nearest: {name}" for thing, name in names if (runs["nearest"] == thing).any()}
     colors = {failures.SURFACE: EFFECTS["obstacle"].color, **{name: each.color for name, each in EFFECTS.items()}}
-    return _stacked(ax, failures.shares(runs, "nearest", things, x.column), things, colors, x)
+    shares = failures.shares(runs, "nearest", things, x.column)
+    return _stacked(ax, shares, things, colors, x, "every run arrived")
 
 
 def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
@@ -50,13 +51,19 @@ def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes
         x: the factor with one curve per value.
     """
     medians = steps.groupby([x.column, "acting"], sort=False)["prediction_error"].median().sort_index(level=1)
-    if len(medians) and not np.isfinite(medians).any():
+    if not len(medians):
+        ax.set(xticks=[], yticks=[])
+        return say(ax, "no step\nwas outside fog")
+    if not np.isfinite(medians).any():
         return unpredicted(ax, "step error")
     for value, color in x_colors(x, steps[x.column].unique()).items():
         curve = medians[value]
         ax.plot(curve.index, curve, marker=".", ms=4, lw=1, color=color, label=x.format(value))
     ax.set_xticks(range(failures.MANY + 1), [*map(str, range(failures.MANY)), f"{failures.MANY}+"])
-    ax.set(xlabel="circles that act", ylabel="median step error (nats)")
+    ax.set(xlabel="circles that act", ylabel="median step error (nats)", xlim=(-0.2, failures.MANY + 0.2))
+    most = int(medians.index.get_level_values("acting").max())
+    if most < failures.MANY:
+        say(ax, "no\nsuch\nstep", (most + 1 + failures.MANY) / 2 / failures.MANY)
     if medians.max() > LINEAR:
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.set_ylabel(f"median step error\n(nats, log beyond ±{LINEAR})")
@@ -74,6 +81,9 @@ def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Fact
         values: of the factor on the x axis, in their order.
         x: that factor.
     """
+    if not len(ends):
+        ax.set(xticks=[], yticks=[])
+        return say(ax, "every run\narrived")
     places = ends[x.column].map({value: place for place, value in enumerate(values)}).to_numpy(float)
     # Points side by side, in a fixed order, so that runs with similar distances stay visible.
     spread = 0.6 * ((np.arange(len(ends)) * 0.618) % 1 - 0.5)
@@ -84,8 +94,10 @@ def fog_distances(ax: Axes, ends: pd.DataFrame, values: Sequence[Value], x: Fact
     return ax
 
 
-def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str], x: Factor) -> Axes:
-    """Draw stacked bars of shares of runs, by the factor on the x axis (rows) and kind (columns)."""
+def _stacked(
+    ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Mapping[str, str], x: Factor, nothing: str
+) -> Axes:
+    """Draw stacked bars of shares of runs, by the factor on the x axis (rows) and kind (columns); or say `nothing`."""
     bottom = np.zeros(len(table))
     for kind, name in names.items():
         heights = table[kind].to_numpy()
@@ -93,4 +105,4 @@ def _stacked(ax: Axes, table: pd.DataFrame, names: Mapping[str, str], colors: Ma
         bottom += heights
     name_places(ax, list(table.index))
     ax.set(xlabel=x.label, ylabel="share of runs", ylim=(0.0, 1.0))
-    return ax
+    return ax if bottom.any() else say(ax, nothing)

@@ -24,6 +24,9 @@ KIND_COLORS = {
 }
 """Kind of step -> colour (Tol)."""
 
+NOTE = 0.13
+"""Room for a line of words above the curves, as a share of their height."""
+
 
 def learning_curves(
     ax: Axes,
@@ -89,7 +92,7 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
     if without.max() < high + (high - low) / 2:
         return
     margin = 0.05 * (high - low)
-    ax.set_ylim(low - margin, high + margin)
+    ax.set_ylim(low - margin, high + margin + NOTE * (high - low))
     ax.text(
         0.98,
         0.97,

@@ -96,7 +96,7 @@ def bars(
         groups: the groups shown by colour.
         paper: see `Span`.
         intervals: whether black lines are 95 % bootstrap intervals (with enough members) instead of standard
-            deviations over members.
+            deviations over members, which end at 0 and 1, as shares do.
     """
     mark(ax, paper)
     keys = [groups.column, groups.x.column, "member"]
@@ -105,7 +105,7 @@ def bars(
         x=groups.x_of(members),
         y=members[metric],
         **_by_group(members, groups),
-        errorbar=_interval if intervals else "sd",
+        errorbar=_interval if intervals else _deviation,
         err_kws={"color": "black", "linewidth": 1.2},
         edgecolor="black",
         linewidth=0.8,
@@ -113,8 +113,8 @@ def bars(
         ax=ax,
     )
     ax.set(xlabel=groups.x.label, ylabel=METRICS[metric].label)
-    ax.set_ylim(0.0, max(1.05, ax.get_ylim()[1]))
-    ax.set_yticks(np.linspace(0, 1, 6))  # a standard deviation may reach beyond, a share cannot
+    ax.set_ylim(0.0, 1.05)
+    ax.set_yticks(np.linspace(0, 1, 6))
     return legend_above(ax)
 
 
@@ -178,8 +178,13 @@ def name_places(ax: Axes, values: Sequence[Any]) -> None:
 
 def unpredicted(ax: Axes, name: str) -> Axes:
     """Label a panel as empty because the agents predict nothing."""
-    ax.text(0.5, 0.5, f"no {name}:\nnothing was predicted", ha="center", va="center", transform=ax.transAxes)
     ax.set(xticks=[], yticks=[])
+    return say(ax, f"no {name}:\nnothing was predicted")
+
+
+def say(ax: Axes, words: str, x: float = 0.5) -> Axes:
+    """Write words where a panel, or a part of it around `x` (a share of its width), has nothing to show."""
+    ax.text(x, 0.5, words, ha="center", va="center", transform=ax.transAxes)
     return ax
 
 
@@ -204,6 +209,11 @@ def legend_above(ax: Axes, columns: int = 8) -> Axes:
 
 def _interval(shares: "pd.Series[float]") -> tuple[float, float]:
     return statistics.interval(shares) if len(shares) >= statistics.MIN_MEMBERS else (np.nan, np.nan)
+
+
+def _deviation(shares: "pd.Series[float]") -> tuple[float, float]:
+    low, high = np.clip([shares.mean() - shares.std(), shares.mean() + shares.std()], 0.0, 1.0)
+    return float(low), float(high)
 
 
 def _by_group(table: pd.DataFrame, groups: Groups) -> dict[str, Any]:

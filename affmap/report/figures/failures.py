@@ -37,7 +37,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
             arena.heat(right, places.ended, layout).set_title(f"never arrived: ends ({len(places.ended)})", loc="left")
         else:  # positions cannot be pooled if every run has its own world
             things = failures.with_nearest(results, row)
-            panels.nearest(middle, things, results.x).set_title("never arrived: nearest", loc="left")
+            panels.nearest(middle, things, results.x).set_title("never arrived", loc="left")
             steps = failures.step_errors(results, row)
             panels.step_errors(right, steps, results.x).set_title("errors outside fog", loc="left")
         for ax in rest:

@@ -20,7 +20,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     grid = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
     for ax, (epoch, arrays), picture in zip(grid.flat, snapshots.items(), colors, strict=False):
         title = f"after {epoch} epoch{'' if epoch == 1 else 's'}"
-        arena.affordance_map(ax, picture, arrays, world).set_title(title, loc="left")
+        arena.affordance_map(ax, picture, arrays.x, arrays.y, world.map).set_title(title, loc="left")
         ax.label_outer()
     for ax in grid.ravel()[len(snapshots) :]:
         ax.set_axis_off()

@@ -62,7 +62,7 @@ def _map_blocks(blocks: list[tuple[str, int, list[tuple[str, Floats, Painted]]]]
         part.suptitle(title, x=0.01, ha="left", fontsize=9)
         grid = part.subplots(num_rows, columns, sharex=True, sharey=True, squeeze=False)
         for ax, (name, colors, of) in zip(grid.flat, maps, strict=False):
-            arena.affordance_map(ax, colors, of.maps, of.world).set_title(name, loc="left")
+            arena.affordance_map(ax, colors, of.maps.x, of.maps.y, of.world.map).set_title(name, loc="left")
             ax.label_outer()
         for ax in grid.ravel()[len(maps) :]:
             ax.set_axis_off()

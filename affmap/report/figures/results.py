@@ -30,7 +30,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     worlds = several_worlds(results)[:2]
     if worlds:
         for cell, part, colors, letter in zip((0, 1), worlds, paint(worlds, 0), "AB", strict=True):
-            ax = arena.affordance_map(figure.add_subplot(grid[0, cell]), colors, part.maps, part.world)
+            ax = figure.add_subplot(grid[0, cell])
+            arena.affordance_map(ax, colors, part.maps.x, part.maps.y, part.world.map)
             ax.set_title(
                 f"{letter}  Map: {readable(part.world.name, settings)}, C = {part.setting.context_size}", loc="left"
             )
@@ -58,7 +59,7 @@ def _map(ax: Axes, results: Results) -> None:
         ax.set_axis_off()
         return
     part = maps_of_size(results, size)[-1]
-    arena.affordance_map(ax, paint([part], 0)[0], part.maps, part.world)
+    arena.affordance_map(ax, paint([part], 0)[0], part.maps.x, part.maps.y, part.world.map)
     ax.set_title(f"B  Affordance map (C = {size}, member {part.maps.member[0]})", loc="left")
 
 
@@ -129,7 +130,7 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
     if settings.outcome == "success":
         parts.append(
             "(D) Share of successful runs, which reach the goal and never enter fog: mean and standard deviation "
-            "(black lines) over members."
+            "(black lines, which end at 0 and 1) over members."
         )
     else:
         parts.append("(D) Mean distance to the goal in control.")

@@ -1,0 +1,132 @@
+"""Arguments of flights that are started from Python: checked, and their defaults by the agent."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from affmap.control.agent import Agent
+from affmap.control.controller import Controller
+from affmap.control.mpc import PlanningAgent
+from affmap.control.oracle import Oracle
+from affmap.control.settings import ControlSettings
+from affmap.env.body import Vehicle
+from affmap.env.body import load as load_vehicle
+from affmap.env.layout import Layout
+from affmap.env.procedural import Procedural
+from affmap.env.procedural import load as load_layout
+from affmap.settings import ConfigError
+from affmap.settings.messages import format_value
+
+AnyLayout: TypeAlias = Layout | Procedural | Mapping[str, Any] | str
+"""A layout or rules for layouts; or the keys and values of either; or the name of their file in `conf/layout`."""
+
+AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
+"""Physical constants; or their keys and values; or the name of their file in `conf/vehicle`."""
+
+
+def layouts(given: AnyLayout | Sequence[AnyLayout]) -> list[Layout | Procedural]:
+    """One or several layouts, or rules for them.
+
+    Raises:
+        ConfigError: there is no such file, or a value is not allowed.
+    """
+    every = given if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+    return [load_layout(layout) for layout in every]
+
+
+def settings(controller: Controller, runs: int | None, steps: int | None) -> ControlSettings:
+    """The settings of control of a controller, perhaps with other numbers of runs and steps.
+
+    Raises:
+        ConfigError: a number is not allowed.
+    """
+    own = controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
+    given = {"runs_per_member": runs, "num_steps": steps}
+    changes = {key: value for key, value in given.items() if value is not None}
+    return ControlSettings.checked({**dict(own), **changes}, "flight")
+
+
+def vehicle(controller: Controller, given: AnyVehicle | None = None) -> Vehicle:
+    """The vehicle that a controller flies: the given one, else that which it has learned or knows, else the default.
+
+    Raises:
+        ConfigError: there is no such file, or a value is not allowed.
+
+    Warns:
+        UserWarning: the given one is another than it has learned or knows.
+    """
+    own = controller.vehicle if isinstance(controller, Agent | Oracle) else None
+    if given is None:
+        return own or load_vehicle("default")
+    flown = load_vehicle(given)
+    if own and flown != own:
+        differences = [
+            f"{key} = {value} instead of {getattr(own, key)}" for key, value in flown if value != getattr(own, key)
+        ]
+        warnings.warn(
+            f"the agent was trained with another vehicle, so its predictions may be wrong: {', '.join(differences)}.",
+            stacklevel=3,
+        )
+    return flown
+
+
+def seed(given: int) -> int:
+    """A seed.
+
+    Raises:
+        ConfigError: it is no whole number, or negative.
+    """
+    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 0:
+        raise ConfigError(f"seed = {format_value(given)} is not allowed; give a whole number, 0 or more.")
+    return int(given)
+
+
+def num_runs(runs: int | None, *places: ArrayLike | None) -> int | None:
+    """R, runs of each member: as given, else as many as there are starts or goals; None if neither says it."""
+    rows = [len(array) for each in places if each is not None and (array := np.asarray(each, object)).ndim > 1]
+    return rows[0] if runs is None and rows else runs
+
+
+def places(
+    name: str, given: ArrayLike | None, shape: tuple[int, int], layout: Layout, radius: float = 0.0
+) -> np.ndarray | None:
+    """Starts or goals of B runs, `[B, 2]` in u (member-major); None for None.
+
+    Args:
+        name: for errors.
+        given: `[R, 2]`, the same for each member; or `[B, 2]`; or `[2]`, the same for all.
+        shape: M and R, numbers of members and of runs of each.
+        layout: the world.
+        radius: of the disc that must fit there, u.
+
+    Raises:
+        ConfigError: the shape is another; or there is no room for the disc.
+    """
+    if given is None:
+        return None
+    members, runs = shape
+    try:
+        points = np.asarray(given, float)
+    except (TypeError, ValueError):  # rows of several lengths, or no numbers
+        raise ConfigError(
+            f"{name} = {format_value(given)} is not allowed; give points, such as [[0.2, 0.2]]."
+        ) from None
+    if points.shape not in ((2,), (runs, 2), (members * runs, 2)):
+        raise ConfigError(
+            f"{name} has the shape {list(points.shape)}; give one point for each of the {runs} runs of a member, "
+            f"[{runs}, 2], or one for all, [2]."
+        )
+    free = layout.is_free(points, radius)
+    if not free.all():
+        point = points.reshape(-1, 2)[free.argmin()]
+        room = f"with room for a vehicle of radius {radius} u" if radius else "outside of obstacles"
+        raise ConfigError(
+            f"{name}: {point.tolist()} is not allowed; give a point of the arena {list(layout.size)} (u) of "
+            f"{layout.name!r}, {room}."
+        )
+    if len(points.reshape(-1, 2)) == members * runs:
+        return points.reshape(-1, 2)
+    return np.broadcast_to(points, (members, runs, 2)).reshape(-1, 2)

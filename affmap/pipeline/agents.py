@@ -1,0 +1,216 @@
+"""Agents trained by one call in Python, with the stages of a sweep: exploration, training, and an agent that flies."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeAlias
+
+from numpy.typing import ArrayLike
+
+from affmap.config import memory
+from affmap.config.compose import compose
+from affmap.config.compose import values as plain_values
+from affmap.config.root import Config
+from affmap.control import arguments
+from affmap.control.agent import Agent
+from affmap.control.arguments import AnyLayout, AnyVehicle
+from affmap.control.pretrained import reference
+from affmap.data.collect import write_dataset
+from affmap.env.layout import Layout
+from affmap.model.lookup import make_lookup
+from affmap.model.registry import TransitionSettings
+from affmap.pipeline import datasets
+from affmap.pipeline.datasets import Arrays
+from affmap.pipeline.execution import check_devices, models
+from affmap.pipeline.job import check_trials, open_store
+from affmap.pipeline.progress import displayed
+from affmap.pipeline.stage import DATA, TRAIN
+from affmap.pipeline.train import make_models, trained
+from affmap.progress import reported, silent
+from affmap.random import generator
+from affmap.settings import ConfigError, Settings, check_folder, lies_in, read
+from affmap.settings.messages import format_value
+from affmap.store.attempt import Attempt
+from affmap.store.stage import check
+from affmap.threads import limited
+
+Changes: TypeAlias = Mapping[str, Any] | Settings | str
+"""Some keys and values of a group of the configuration; or all, as settings; or the name of its file in `conf`."""
+
+
+def train(
+    layouts: AnyLayout | Sequence[AnyLayout] | None = None,
+    *,
+    context_size: int | None = None,
+    members: int | None = None,
+    epochs: int | None = None,
+    seed: int = 0,
+    transition: TransitionSettings | Changes | None = None,
+    vehicle: AnyVehicle | None = None,
+    dataset: str | Path | Mapping[str, ArrayLike] | None = None,
+    worlds: int = 1,
+    data: Changes | None = None,
+    model: Changes | None = None,
+    training: Changes | None = None,
+    lookup: Changes | None = None,
+    planner: Changes | None = None,
+    control: Changes | None = None,
+    folder: str | Path | None = None,
+    progress: bool = True,
+    threads: int = 1,
+) -> Agent:
+    """Explore layouts, train members on the data, and return an agent that flies.
+
+    Members are trained exactly as by a sweep of the command `affmap` with the same settings. Whatever is not given is
+    that of `conf/`. The agent stands in the first layout; `affmap.fly` takes it anywhere.
+
+    Args:
+        layouts: where data are collected, in equal parts: one or several of a name of a file in `conf/layout`, a
+            layout, its keys and values, or rules for worlds.
+        context_size: C, length of the context code.
+        members: M, models of different initial weights, trained side by side.
+        epochs: of the training.
+        seed: of the first member; member m has seed + m.
+        transition: the kind of transition model, such as `gru`; or its settings.
+        vehicle: the physics, which the agent remembers.
+        dataset: a data set that is there already. Either that of a sweep or another call: the folder `data/<digest>` of
+            its store, which knows its layouts and its vehicle. Or arrays as `affmap.data.collect.collect` returns them,
+            that were collected in `layouts` in any manner.
+        worlds: drawn from each of the rules among `layouts`. They are none that `affmap.fly` or `affmap.evaluate`
+            draws.
+        data: changes of the exploration, such as `{"num_sequences": 50}`; see `affmap.data.settings.Exploration`.
+        model: changes of the architecture; see `affmap.model.settings.ModelSettings`.
+        training: changes of the training, such as `{"batch_size": 5}`; see
+            `affmap.training.settings.TrainingSettings`.
+        lookup: changes of the agent's look-up; see `affmap.model.settings.LookupSettings`.
+        planner: changes of its planner, or the name of another, such as `gradient`.
+        control: changes of its control, such as `{"beta": 10}`; see `affmap.control.settings.ControlSettings`.
+        folder: of the data set and the models. The same call finds them there again, and resumes a training that was
+            interrupted; a sweep with this folder as its `store` does, too. Without it, only the agent remains.
+        progress: whether progress and loss are shown.
+        threads: of PyTorch, for the duration of the call.
+
+    Raises:
+        ConfigError: a value is not allowed, or there is no such file or data set.
+        MachineError: there is no GPU, and `training` asks for one.
+        StoreError: a file in `folder` is corrupted, or was made with other versions of packages.
+    """
+    values = plain_values(compose([])) | {"seed": seed, "threads": threads}
+    transition_values = values["model"]["transition"]
+    groups = {"data": data, "model": model, "training": training, "lookup": lookup, "planner": planner}
+    for group, changes in {**groups, "control": control, "vehicle": vehicle}.items():
+        values[group] = _change(group, values[group], changes)
+    of_model = values["model"].get("transition", transition_values)
+    values["model"] |= {"transition": _change("model/transition", of_model, transition)}
+    values["model"] |= _given(context_size=context_size)
+    values["training"] |= _given(num_epochs=epochs)
+    values |= _given(members=members)
+    existing: Path | Arrays | None = None
+    if isinstance(dataset, str | Path):
+        if not (layouts is None and vehicle is None and data is None):
+            raise ConfigError("dataset has layouts, vehicle and settings of its own; leave layouts, vehicle, data out.")
+        existing = Path(dataset)
+        values |= datasets.origin(existing)
+    else:
+        explored = _layouts(layouts, worlds, values["data"].get("seed", 0))
+        values["training_layouts"] = explored
+        if dataset is not None:
+            existing = datasets.own(dataset, explored)
+            num_sequences, num_steps, _ = existing["action"].shape
+            values["data"] |= {"num_sequences": num_sequences // len(explored), "num_steps": num_steps}
+    with TemporaryDirectory() as temporary, limited(threads), displayed(reported if progress else silent):
+        config = _config(values, Path(temporary, "store") if folder is None else Path(folder))
+        stack = trained(config, _train(config, existing, Path(temporary)))
+        map_of_first = make_lookup(config.lookup, stack, [config.training_layouts[0].map])
+        return Agent(stack, map_of_first, config.planner, config.control, config.channels, config.vehicle)
+
+
+def _train(config: Config, dataset: Path | Arrays | None, temporary: Path) -> Path:
+    """Complete the training, on a data set that is there or will be; returns the folder of its stage.
+
+    Raises:
+        StoreError: a file of a stage is corrupted.
+    """
+    if not isinstance(dataset, dict):
+        if dataset:
+            check(dataset, DATA.of(config))
+        return models(config, (TRAIN,), dataset)[1]
+    stage = TRAIN.of(config)
+    write_dataset(temporary, dataset)
+
+    def build(attempt: Attempt) -> None:
+        check_devices(config, [TRAIN])
+        make_models(config, temporary, attempt)
+
+    own = replace(stage, config={**stage.config, "dataset": datasets.digest(dataset)})
+    return open_store(config).ensure(own, build)
+
+
+def _change(group: str, values: dict[str, Any], changes: Any) -> dict[str, Any]:
+    """The values of a group with some changes, as `Changes` says.
+
+    Raises:
+        ConfigError: there is no such file, or the changes are none.
+    """
+    if changes is None:
+        return values
+    values = dict(values)
+    if isinstance(changes, str):
+        return dict(read(group, changes))
+    if not isinstance(changes, Mapping | Settings):
+        raise ConfigError(
+            f"{group} = {format_value(changes)} is not allowed: give some of its keys and values, such as "
+            f"{format_value(dict([*values.items()][:1]))}, its settings, or the name of a file in conf/{group}."
+        )
+    new = dict(changes)
+    same_kind = new.get("kind", values.get("kind")) == values.get("kind")
+    return {**values, **new} if same_kind else new
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    """The values that are not None."""
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, seed: int) -> list[Layout]:
+    """The layouts that data are collected in; of rules, so many worlds of their own.
+
+    Raises:
+        ConfigError: there is no such file, or a value is not allowed.
+    """
+    if isinstance(worlds, bool) or not isinstance(worlds, int) or worlds < 1:
+        raise ConfigError(f"worlds = {format_value(worlds)} is not allowed; give a whole number, 1 or more.")
+    every: list[Layout] = []
+    for layout in arguments.layouts(layouts if layouts is not None else []):
+        if isinstance(layout, Layout):
+            every.append(layout)
+        else:
+            every += [layout.draw(generator(arguments.seed(seed), "training world", world)) for world in range(worlds)]
+    if not every:
+        raise ConfigError("train needs layouts to explore, as in affmap.train('original'), or a dataset.")
+    return every
+
+
+def _config(values: Mapping[str, Any], store: Path) -> Config:
+    """The configuration of a job that trains the models of a call.
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+    try:
+        check_folder(store)
+    except ValueError as error:
+        raise ConfigError(f"folder = {format_value(str(store))} is not allowed: it {error}.") from None
+    if store.exists() and not store.is_dir():
+        raise ConfigError(f"folder = {format_value(str(store))} is a file; give another folder.")
+    if lies_in(store, reference()):
+        raise ConfigError(f"folder = {format_value(str(store))} is of the reference run; give a folder of your own.")
+    # The stages of other commands lie elsewhere; none of these folders is made.
+    places = {key: store.with_name(f"{store.name}-{key}") for key in ("output", "reference")}
+    first = values["training_layouts"][0]
+    layouts = {"control_layout": first, "map_layout": first}
+    config = Config.checked({**values, **places, **layouts, "store": store}, "train")
+    check_trials(config)
+    memory.check(config, "train")
+    return config

@@ -1,0 +1,109 @@
+"""The table of an evaluation: row by row against flights, and random worlds against a stage of control's."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from commands import jobs
+
+import affmap
+from affmap.control.agent import Agent
+from affmap.control.oracle import HalfOracle
+from affmap.control.random import RandomAgent
+from affmap.pipeline.control import make_runs
+from affmap.pipeline.stage import TRAIN
+from affmap.results import files, metrics
+from affmap.settings import ConfigError
+from affmap.store.attempt import Attempt
+
+RANDOM = RandomAgent(kind="random")
+LAYOUTS = ["original", affmap.Layout.load("layout", "two_obstacles")]
+
+
+@pytest.fixture(scope="module")
+def agents() -> dict[str, Agent]:
+    """Of two members without a context, and of another one with one."""
+    return {
+        "blind": affmap.load("exp1", context_size=0, members=(0, 3)),
+        "seeing": affmap.load("exp1", context_size=1, members=(5,)),
+    }
+
+
+def test_a_row_is_a_run_of_a_flight(agents: dict[str, Agent]) -> None:
+    """Agents, then layouts, then member-major runs, each as `fly` has it."""
+    table = affmap.evaluate({**agents, "random": RANDOM}, LAYOUTS, runs=2, steps=3)
+    rest = table.set_index(["agent", "context_size", "layout"])
+    expected = [
+        (name, size, layout, affmap.fly(agent, layout, runs=2, steps=3).table)
+        for name, size, agent in (
+            ("blind", 0, agents["blind"]),
+            ("seeing", 1, agents["seeing"]),
+            ("random", None, RANDOM),
+        )
+        for layout in ("original", "two_obstacles")
+    ]
+    for (name, size, layout, flown), (_, rows) in zip(expected, rest.groupby(level=[0, 2], sort=False), strict=True):
+        assert {*rows.index} == {(name, pd.NA if size is None else size, layout)}
+        pd.testing.assert_frame_equal(rows.reset_index(drop=True), flown, check_exact=True)
+    assert list(table.columns) == ["agent", "context_size", "layout", *metrics.PLACES, *metrics.run_metrics()]
+    assert len(table) == (2 + 1 + 1) * 2 * 2
+
+
+def test_one_agent_and_one_layout_need_no_names(agents: dict[str, Agent]) -> None:
+    """An agent has the name of its planner, another controller its own; an oracle's context size is its model's."""
+    table = affmap.evaluate(agents["seeing"], "original", runs=1, steps=1)
+    assert table[["agent", "context_size", "layout", "member"]].to_numpy().tolist() == [["cem", 1, "original", 5]]
+    layout, vehicle = affmap.Layout.load("layout", "original"), affmap.Vehicle.load("vehicle", "default")
+    half = HalfOracle(agents["seeing"], [layout], vehicle, true_mean=True)
+    table = affmap.evaluate({"half": half}, layout.plain, runs=1, steps=1)
+    assert table[["agent", "context_size"]].to_numpy().tolist() == [["half", 1]]
+    assert affmap.evaluate(RANDOM, "original", runs=1, steps=1)["agent"].tolist() == ["random"]
+
+
+def test_random_worlds_are_those_of_a_sweep(tmp_path: Path) -> None:
+    """Every run of every member in a world of its own: all that the stage of control writes of them."""
+    tiny = {"num_sequences": 4, "num_validation": 1, "num_steps": 20}
+    agent = affmap.train(
+        "four_properties",
+        context_size=1,
+        members=2,
+        epochs=2,
+        data=tiny,
+        lookup={"spacing": 0.25},
+        planner={"num_iterations": 3},
+        folder=tmp_path / "store",
+        progress=False,
+    )
+    settings = ["world=four_properties", "control_layout=procedural_easy", "control.runs_per_member=3"]
+    (config,) = jobs(tmp_path, *settings, "model.context_size=1")
+    attempt = Attempt.begin(tmp_path / "control")
+    make_runs(config, tmp_path / "store" / "train" / TRAIN.of(config).digest, attempt)
+    rules = affmap.Procedural.load("layout", "procedural_easy")
+    table = affmap.evaluate(agent, rules, runs=3, steps=3)
+    same = [*metrics.PLACES, *metrics.stored_metrics()]
+    written = files.read_runs(attempt.folder, same)[same].astype(table[same].dtypes)
+    pd.testing.assert_frame_equal(table[same], written, atol=1e-5)
+    other = affmap.evaluate(agent, rules, runs=3, steps=3, seed=1)
+    assert (other["goal_x"] != table["goal_x"]).all() and len(other) == 6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (({}, "original"), r"^evaluate needs an agent and a layout, as in affmap\.evaluate\(agent, 'original'\)\.$"),
+        ((RANDOM, []), r"^evaluate needs an agent and a layout"),
+        ((RANDOM, ["original", "original"]), r"^two layouts have the name 'original'; give each a name of its own\.$"),
+        ((RANDOM, "mars"), r"conf/layout/mars\.yaml does not exist"),
+    ],
+)
+def test_a_mistake_is_told(arguments: tuple[Any, Any], told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        affmap.evaluate(*arguments)
+
+
+def test_an_agent_that_cannot_see_a_layout_is_told(agents: dict[str, Agent]) -> None:
+    with pytest.raises(ConfigError, match="'fog' has channels"):
+        affmap.evaluate(agents, "fog")
+    with pytest.raises(ConfigError, match=r"^flight: runs_per_member = 0 is not allowed"):
+        affmap.evaluate(agents, "original", runs=0)
