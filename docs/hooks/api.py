@@ -31,7 +31,7 @@ def pages() -> Iterator[tuple[str, str]]:
         page = _PAGE.format(name=name, title=typed(name), short=short(name))
         if _is_settings(described):
             page = _SETTINGS.format(name=name, title=typed(name), short=short(name), signature=_signature(name))
-        if described.is_package:  # names that it hands on have pages of their own
+        if described.is_subpackage:  # names that it hands on have pages of their own
             inside = [each for each in names if typed(each).startswith(f"{name}.")]
             page = f"{page}      members: false\n\n{_table(inside)}"
         yield place(name), page
