@@ -201,7 +201,8 @@ def write_stages(overrides: Sequence[str]) -> None:
 def command(name: str, *arguments: str, edition: str = "new") -> Command:
     """A command whose reports are small ones; its command lines are composed once, for all forks."""
     from affmap.cli import paper, publish, report, run, status
-    from affmap.cli.report import Report, read
+    from affmap.cli.app import read_jobs
+    from affmap.cli.report import Report
     from affmap.config.sweep import complete, replace_experiment
     from affmap.experiments import ROOMS
     from affmap.experiments.paper import report as papers
@@ -220,14 +221,14 @@ def command(name: str, *arguments: str, edition: str = "new") -> Command:
     def body() -> None:
         report.make_report = publish.make_report = make
         papers.PaperReport = make_paper
-        report.read = publish.read = lambda overrides: known.get(tuple(overrides)) or read(overrides)
-        paper.read_sweep = lambda overrides: known.get(tuple(overrides)) or read(overrides)
+        report.read_jobs = publish.read_jobs = lambda overrides: known.get(tuple(overrides)) or read_jobs(overrides)
+        paper.read_sweep = lambda overrides: known.get(tuple(overrides)) or read_jobs(overrides)
         sys.argv = [name, *arguments]
         modules[name].main()
 
     overrides = [argument for argument in arguments if "=" in argument]
     lines = [overrides, *(replace_experiment(complete(overrides), room, ("output",)) for room in ROOMS)]
-    known = {tuple(line): read(line) for line in (lines if name == "affmap-paper" else lines[:1])}
+    known = {tuple(line): read_jobs(line) for line in (lines if name == "affmap-paper" else lines[:1])}
     make_search_report, checked = report._make_search_report, papers.PaperReport
     modules: Mapping[str, Any] = {
         "affmap": run,

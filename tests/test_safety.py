@@ -316,7 +316,7 @@ def test_a_note_that_is_no_file_is_not_read(tmp_path: Path) -> None:
     """Reading a pipe would never end."""
     (tmp_path / "jobs").mkdir()
     os.mkfifo(tmp_path / sweep.NOTE)
-    with pytest.raises(ConfigError, match=r"jobs/sweep\.json is missing or corrupted"):
+    with pytest.raises(ConfigError, match=r"holds no note of a sweep \(jobs/sweep\.json\)"):
         sweep.read_note(tmp_path)
 
 

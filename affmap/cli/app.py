@@ -1,5 +1,6 @@
 """The frame of all commands: command line, error messages, exit statuses, signals."""
 
+import argparse
 import multiprocessing
 import os
 import signal
@@ -14,14 +15,20 @@ from typing import NoReturn
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
+from affmap.config import sweep
+from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import MachineError, check_members, check_report
-from affmap.settings.messages import ConfigError, printable
+from affmap.settings.messages import ConfigError, nearest, printable
 from affmap.store.files import FULL_DISK, locked
 from affmap.store.stage import StoreError
 
 MULTIRUN = ("-m", "--multirun")
 """Hydra's flag for sweeps; it is added where it is needed and optional on the command line."""
+
+
+OVERRIDES = "An override is key=value, as for affmap; `affmap --help` lists groups and keys."
+"""The end of each command's help."""
 
 
 class SweepError(Exception):
@@ -33,8 +40,8 @@ def command(
 ) -> None:
     """Run `body` on the command line's overrides and report errors in a sentence; other flags than `known` are errors.
 
-    `about` is the text of `--help`, and no docstring, which optimised bytecode lacks; `resumes` tells whether the same
-    command resumes after a signal.
+    `about` is the text of `--help`: purpose, usage, examples. It is no docstring, which optimised bytecode lacks.
+    `resumes` tells whether the same command resumes after a signal.
 
     Exit status: 2 for a mistake in the command line, 1 for a failure, 130 or 143 for a signal.
     """
@@ -43,7 +50,7 @@ def command(
     try:
         with _own_environment(), sigterm_ends_process():
             if about and {"--help", "-h"} & {*flags()}:
-                print(f"{about}\n\nIt takes Hydra overrides, such as experiment=exp1 or output=runs/mine.")
+                print(f"{about}\n{OVERRIDES}")
             else:
                 body(_overrides(known))
         sys.stdout.flush()
@@ -85,6 +92,19 @@ def _own_environment() -> Iterator[None]:
                 os.environ[name] = before[name]
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser of the command line of a program without overrides; its help begins with the purpose, then the usage."""
+
+    def __init__(self, name: str, purpose: str, examples: str) -> None:
+        """Begin with no arguments; `examples` are the end of the help, lines that are kept."""
+        super().__init__(name, epilog=f"examples:\n{examples}", formatter_class=argparse.RawDescriptionHelpFormatter)
+        self._purpose = f"{name}: {purpose}"
+
+    def format_help(self) -> str:
+        """The text of `--help`."""
+        return f"{self._purpose}\n\n{super().format_help()}"
+
+
 def open_streams() -> None:
     """Open the null device for each standard stream that is closed or missing, as after `affmap >&-`.
 
@@ -97,16 +117,26 @@ def open_streams() -> None:
             setattr(sys, name, stream)
 
 
+def read_jobs(arguments: Sequence[str]) -> Search | Sweep:
+    """The search of a command line, or its sweep; a folder stands for the overrides of what was run into it.
+
+    Raises:
+        ConfigError: a value is not allowed, or there is no such folder; the message gives a remedy.
+    """
+    overrides = sweep.expand_folder(arguments)
+    return Search.read(overrides) or read_sweep(overrides)
+
+
 def read_sweep(arguments: Sequence[str]) -> Sweep:
     """The validated sweep of a command line.
 
     Raises:
         ConfigError: a value is not allowed, or a member is in two jobs; the message gives a remedy.
     """
-    sweep = Sweep.read(arguments)
-    check_report(sweep)
-    check_members(sweep)
-    return sweep
+    jobs = Sweep.read(arguments)
+    check_report(jobs)
+    check_members(jobs)
+    return jobs
 
 
 @contextmanager
@@ -138,7 +168,9 @@ def flags() -> list[str]:
 
 def _overrides(known: Collection[str]) -> list[str]:
     if unknown := [flag for flag in flags() if flag not in known]:
-        raise ConfigError(f"{unknown[0]} is not known here; give Hydra overrides, such as experiment=exp1.")
+        near = nearest(unknown[0], [*known, "--help"])
+        remedy = f"did you mean {near}?" if near else "give Hydra overrides, such as experiment=exp1."
+        raise ConfigError(f"{unknown[0]} is not known here; {remedy}")
     return [argument for argument in sys.argv[1:] if argument not in (*MULTIRUN, *known)]
 
 

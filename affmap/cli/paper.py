@@ -11,7 +11,20 @@ from affmap.pipeline.completed import completed
 from affmap.settings.messages import ConfigError
 from affmap.store.provenance import without_paths
 
-ABOUT = "`affmap-paper`: one report of all five experiments; `--publish`: keep it in `runs/reference`."
+ABOUT = """\
+affmap-paper: draw one report of all experiments of the paper, from their completed sweeps.
+
+usage: affmap-paper [--publish] [OVERRIDE ...]
+
+  --publish   keep the report in runs/reference
+
+examples:
+  affmap-paper
+  affmap-paper scale=smoke
+  affmap-paper report.partial=true   of the completed settings only
+
+It reads the folders of all experiments, and takes none itself.
+"""
 
 PUBLISH = "--publish"
 """Flag: keep the report in the folder of the reference run."""

@@ -6,8 +6,8 @@ Only intact files that a manifest lists are copied.
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
-from affmap.cli.report import CHECK, make_report, read
+from affmap.cli.app import SweepError, command, flags, read_jobs, read_sweep, written_alone
+from affmap.cli.report import CHECK, make_report
 from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.model.weights import SNAPSHOT, WEIGHTS
@@ -19,7 +19,21 @@ from affmap.store.provenance import PROVENANCE
 from affmap.store.stage import StoreError, copy_stage
 from affmap.store.stage import check as check_stage
 
-ABOUT = "`affmap-publish`: keep report and models in `runs/reference`; `--report-only`: no models; `--check`: verify."
+ABOUT = """\
+affmap-publish: keep the report and the models of a sweep in runs/reference.
+
+usage: affmap-publish [--report-only] [OVERRIDE ...]
+       affmap-publish [--report-only] FOLDER [OVERRIDE ...]
+       affmap-publish --check [OVERRIDE ...]
+
+  --report-only   keep neither models nor the tables of their trainings
+  --check         keep nothing; verify all that runs/reference holds
+
+examples:
+  affmap-publish experiment=exp1
+  affmap-publish runs/exp1   the sweep that was run into runs/exp1
+  affmap-publish --check
+"""
 
 WITHOUT = ("*.pdf", "*.svg", "*.html")
 """Files that are not kept: vector figures are in the report's PDF, figures in the page."""
@@ -52,7 +66,7 @@ def check_publishable(notice: str | None) -> None:
 def _publish(arguments: list[str]) -> None:
     from affmap.report import build  # reports take seconds to import
 
-    jobs = read(arguments)
+    jobs = read_jobs(arguments)
     report = make_report(jobs)
     config = jobs.config if isinstance(jobs, Search) else jobs.first
     check_publishable(report.notice)

@@ -1,11 +1,11 @@
 """The command `affmap-report`: draw the report of a sweep or of a search, or verify all of its files and stages."""
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from affmap.cli.app import SweepError, command, flags, read_sweep, written_alone
+from affmap.cli import tables
+from affmap.cli.app import SweepError, command, flags, read_jobs, written_alone
 from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
@@ -18,7 +18,20 @@ from affmap.results.provenance import leaves
 from affmap.settings.messages import ConfigError, printable
 from affmap.store.provenance import circumstances, extensions_of, has_path, without_paths
 
-ABOUT = "`affmap-report`: draw the report of a sweep or of a search; `--check`: verify all of its files and stages."
+ABOUT = """\
+affmap-report: draw the report of a sweep or of a search, and print its results.
+
+usage: affmap-report [--check] [OVERRIDE ...]
+       affmap-report [--check] FOLDER [OVERRIDE ...]
+
+  --check   draw nothing; verify every file of the report and of all stages behind it
+
+examples:
+  affmap-report experiment=exp1
+  affmap-report runs/exp1                       the report of the sweep that was run into runs/exp1
+  affmap-report runs/exp1 report.partial=true   of its completed settings only
+  affmap-report runs/exp1 --check
+"""
 
 CHECK = "--check"
 """Flag: verify every file, draw nothing."""
@@ -30,15 +43,6 @@ ANEW = "affmap-report makes a report anew."
 def main() -> None:
     """Run the command `affmap-report`."""
     command(_check if CHECK in flags() else _report, known=[CHECK], about=ABOUT)
-
-
-def read(arguments: Sequence[str]) -> Search | Sweep:
-    """The search of a command line, or its sweep.
-
-    Raises:
-        ConfigError: a value is not allowed; the message gives a remedy.
-    """
-    return Search.read(arguments) or read_sweep(arguments)
 
 
 def make_report(jobs: Search | Sweep) -> Report:
@@ -101,7 +105,7 @@ def _origin(config: Config) -> dict[str, Any]:
 def _report(arguments: list[str]) -> None:
     from affmap.report import build
 
-    jobs = read(arguments)
+    jobs = read_jobs(arguments)
     output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
     with written_alone(output):
         report = make_report(jobs)
@@ -110,6 +114,7 @@ def _report(arguments: list[str]) -> None:
     if page.suffix == ".md":
         print(f"{printable(page.read_text('utf-8'))}\nThe table is {page}")
     else:
+        tables.show(output / "tables")
         print(f"The report is {page}; open {page.with_suffix('.html')} for the interactive version.")
 
 
@@ -119,7 +124,7 @@ def _check(arguments: list[str]) -> None:
     Raises:
         SweepError: a file is not as it was written; the message says which command makes it again.
     """
-    jobs = read(arguments)
+    jobs = read_jobs(arguments)
     output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
     parts, problems = _check_search(jobs) if isinstance(jobs, Search) else _check_sweep(jobs)
     if problems:

@@ -3,17 +3,30 @@
 It takes Hydra overrides. Hydra's launcher decides where the jobs of a sweep run.
 """
 
+import json
 import logging
 import os
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import hydra
 from hydra.errors import HydraException
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
-from affmap.cli.app import SweepError, command, end_with_parent, flags, read_sweep, sigterm_ends_process
+from affmap.cli.app import (
+    MULTIRUN,
+    SweepError,
+    command,
+    end_with_parent,
+    flags,
+    read_jobs,
+    read_sweep,
+    sigterm_ends_process,
+)
 from affmap.config import sweep
+from affmap.config.compose import compose, num_workers
 from affmap.config.root import Config, plain
 from affmap.config.search import IRRELEVANT, Search
 from affmap.config.sweep import Sweep
@@ -28,6 +41,7 @@ from affmap.pipeline.job import (
     find,
     is_complete,
 )
+from affmap.pipeline.progress import follow
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
 from affmap.store.files import check_locks, locked
@@ -57,10 +71,11 @@ def _check(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    if search := Search.read(arguments):
-        _run_search(search)
-    else:
-        _run_sweep(read_sweep(arguments))
+    jobs = read_jobs(arguments)
+    if isinstance(jobs, Search):
+        _run_search(jobs)
+    elif _run_sweep(jobs):
+        print(_next(jobs.first))
 
 
 def _run_search(search: Search) -> None:
@@ -82,11 +97,11 @@ def _run_search(search: Search) -> None:
         raise SweepError(str(error)) from None
     if problem:
         raise SweepError("\n".join([*problem, "Run the same command again to resume."]))
-    print(f"{search.config.name}: the search is complete; affmap-report {shlex.join(sys.argv[1:])} draws it.")
+    print(f"{search.config.name}: the search is complete.\n{_next(search.config)}")
 
 
-def _run_sweep(jobs: Sweep) -> None:
-    """Run the incomplete jobs of a sweep.
+def _run_sweep(jobs: Sweep) -> bool:
+    """Run the incomplete jobs of a sweep and of those that belong to it; returns whether there were any.
 
     Raises:
         SweepError: some are still incomplete afterwards.
@@ -98,8 +113,7 @@ def _run_sweep(jobs: Sweep) -> None:
     if complete == count:
         for config in jobs.configs:
             find(config)  # verifies every file
-        _run_companions(jobs)
-        return
+        return _run_companions(jobs)
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
@@ -108,31 +122,59 @@ def _run_sweep(jobs: Sweep) -> None:
     for kind in agents_without_models(jobs.configs):
         print(f"agent={kind} flies without a model; the models are trained for the losses and maps of its report only.")
     sweep.write_note(first.output, jobs.overrides)
-    arguments = [*(["-m"] if sweep.is_sweep(jobs.overrides) else []), *jobs.overrides]
-    problem = _launch(arguments)
-    while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):
-        # A killed worker takes the others with it, whose jobs are not to blame.
-        complete = now
+    with _progress(jobs) as arguments:
         problem = _launch(arguments)
+        while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):
+            # A killed worker takes the others with it, whose jobs are not to blame.
+            complete = now
+            problem = _launch(arguments)
     failed = status.failures(status.jobs(jobs, check=True))
     if problem or failed:
         lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
         more = f"All logs are in {first.output / 'jobs'}; run the same command again to resume."
         raise SweepError("\n".join([*lines, more]))
     _run_companions(jobs)
-    print(f"{first.name}: all {count} settings are complete; affmap-report {shlex.join(sys.argv[1:])} draws them.")
+    print(f"{first.name}: all {count} settings are complete.")
+    return True
 
 
-def _run_companions(jobs: Sweep) -> None:
-    """Run the sweeps that belong to a sweep, after it, because they share its models."""
-    for companion in jobs.companions():
-        _run_sweep(companion)
+@contextmanager
+def _progress(jobs: Sweep) -> Iterator[list[str]]:
+    """Show the progress of several workers together; yields the command line for Hydra, on which they are silent.
+
+    One worker, or a single job, shows the progress of its stages itself.
+    """
+    if not sweep.is_sweep(jobs.overrides):
+        yield [*jobs.overrides]
+        return
+    composed = compose([line for line in jobs.overrides if not sweep.is_sweep([line])])
+    workers, arguments = num_workers(composed), ["-m", *jobs.overrides]
+    if workers == 1 or len(jobs.configs) == 1:
+        yield arguments
+        return
+    has_console = OmegaConf.select(composed, "hydra.job_logging.handlers.console") is not None
+    silent = ["++hydra.job_logging.handlers.console.level=ERROR"] if has_console else []  # their logs are files, too
+    with follow(jobs.first.name, lambda: status.overview(status.jobs(jobs), workers)):
+        yield [*arguments, *silent]
+
+
+def _next(config: Config) -> str:
+    """The command that comes after a run."""
+    return f"affmap-report {shlex.quote(str(config.output))} shows and draws the results."
+
+
+def _run_companions(jobs: Sweep) -> bool:
+    """Run the sweeps that belong to a sweep, after it, because they share its models; returns as `_run_sweep` does."""
+    have_run = [_run_sweep(companion) for companion in jobs.companions()]
+    return any(have_run)
 
 
 def _launch(arguments: list[str]) -> list[str]:
     """Let Hydra run the jobs of a command line; returns an error of its launcher as a sentence, if there is one."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise exceptions rather than print them
-    original, sys.argv[1:] = sys.argv[1:], arguments
+    fixed = sweep.fixed_keys([each for each in arguments if each not in MULTIRUN])
+    named = f"hydra.job.config.override_dirname.exclude_keys={json.dumps(fixed)}"  # log lines name the others
+    original, sys.argv[1:] = sys.argv[1:], [*arguments, named]
     try:
         _job()
     except (HydraException, MachineError):  # a sentence already

@@ -1,10 +1,8 @@
 """The command `affmap-status`: the progress of sweeps and searches, with time spent and left. Runs nothing."""
 
-import sys
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import mean
 
 from hydra.errors import HydraException
 from rich.box import SIMPLE_HEAD
@@ -12,14 +10,27 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from affmap.cli.app import command, read_sweep
+from affmap.cli.app import command, read_jobs
+from affmap.cli.tables import console
 from affmap.config import sweep
 from affmap.config.search import Search
 from affmap.pipeline import status
+from affmap.pipeline.progress import duration
 from affmap.pipeline.status import JobStatus, StageStatus
 from affmap.settings.messages import ConfigError, printable
 
-ABOUT = "`affmap-status`: the progress of sweeps, by overrides or by folders of reports; by default, of all in `runs`."
+ABOUT = """\
+affmap-status: show the progress of sweeps and searches, with the time spent and the time left.
+
+usage: affmap-status                         all that were run into folders of runs
+       affmap-status FOLDER ... [OVERRIDE ...]
+       affmap-status OVERRIDE ...
+
+examples:
+  affmap-status
+  affmap-status runs/exp1 runs/exp2   the sweeps that were run into these folders
+  affmap-status experiment=exp1 scale=smoke
+"""
 
 COLORS = {"complete": "green", "running": "cyan", "failed": "red", "corrupted": "red", "stopped": "yellow"}
 
@@ -30,61 +41,76 @@ def main() -> None:
 
 
 def _status(arguments: list[str]) -> None:
-    folders = [Path(argument) for argument in arguments if "=" not in argument]
-    if folders and len(folders) < len(arguments):
-        raise ConfigError(
-            "affmap-status takes either folders, such as runs/exp1, or overrides, such as experiment=exp1."
-        )
+    folders = [Path(argument) for argument in arguments if sweep.is_folder(argument)]
+    overrides = [argument for argument in arguments if not sweep.is_folder(argument)]
     if not arguments:
-        folders = sorted(path.parents[1] for path in Path("runs").rglob(sweep.NOTE))
-    console = Console(width=None if sys.stdout.isatty() else 200, markup=False, emoji=False, highlight=False)
+        folders = sweep.folders_with_notes()
+    out = console()
     if not arguments and not folders:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
     elif not folders:
-        _show(arguments, console, set())
+        _show(overrides, out, set())
     problems: list[str] = []
     outputs: set[Path] = set()
     for path in folders:
         try:
-            _show(sweep.read_note(path), console, outputs)
+            _show([*sweep.read_note(path), *overrides], out, outputs)
         except (ConfigError, HydraException) as error:  # go on with the others
             problems.append(f"{path}: {error}")
     if problems:
         raise ConfigError("\n".join(problems))
 
 
-def _show(line: list[str], console: Console, outputs: set[Path]) -> None:
+def _show(line: list[str], out: Console, outputs: set[Path]) -> None:
     """Print the status of a search, or of a sweep and its companions, and add them to `outputs`, which are skipped."""
-    if search := Search.read(line):
-        progress = f"{search.num_complete} of {search.num_trials} trials complete"
-        console.print(f"{search.config.title} ({search.config.output}): {progress}")
+    asked = read_jobs(line)
+    if isinstance(asked, Search):
+        progress = f"{asked.num_complete} of {asked.num_trials} trials complete"
+        out.print(f"{asked.config.title} ({asked.config.output}): {progress}")
         return
-    main_sweep = read_sweep(line)
-    for part in (main_sweep, *main_sweep.companions()):
+    counted: set[str] = set()
+    is_shared = False
+    for part in (asked, *asked.companions()):
         if part.first.output in outputs:
             continue
         outputs.add(part.first.output)
         jobs = status.jobs(part)
-        console.print(f"{part.first.title} ({part.first.output}): {summary(jobs)}")
-        console.print(table(jobs))
+        own = own_stages(jobs, counted)
+        is_shared |= any(len(parts) < len(job.parts) for job, parts in zip(jobs, own, strict=True))
+        out.print(f"{part.first.title} ({part.first.output}): {summary(jobs, own)}")
+        out.print(table(jobs, own))
         for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted", "unknown")):
-            console.print(printable(failure))
+            out.print(printable(failure))
+    if is_shared:
+        out.print(SHARED)
 
 
 MAX_ROWS = 50
 """Most rows of a table of all settings; longer ones omit those that are complete or missing."""
 
 
-def table(jobs: Sequence[JobStatus]) -> Table:
-    """A row for each setting: state, current stage, time spent and left.
+SHARED = "A stage that settings share counts as spent in the first of them, and as left in each that waits for it."
+
+
+def own_stages(jobs: Sequence[JobStatus], counted: set[str]) -> list[list[StageStatus]]:
+    """For each setting, its stages that no setting before it has, nor `counted`; digests are added to it."""
+    own = []
+    for job in jobs:
+        own.append([part for part in job.parts if part.digest not in counted])
+        counted |= {part.digest for part in job.parts}
+    return own
+
+
+def table(jobs: Sequence[JobStatus], own: Sequence[Sequence[StageStatus]]) -> Table:
+    """A row for each setting: state, current stage, time spent on its `own_stages`, and time left.
 
     Of many settings, only those that are running, have stopped or failed.
     """
-    expected = _typical(jobs)
+    expected = status.typical(jobs)
     rows = Table("setting", "state", "stage", box=SIMPLE_HEAD, pad_edge=False)
     rows.add_column("spent", justify="right")
     rows.add_column("left", justify="right")
-    for job in jobs:
+    for job, parts in zip(jobs, own, strict=True):
         if len(jobs) > MAX_ROWS and job.state in ("complete", "missing"):
             continue
         current = job.current
@@ -92,8 +118,8 @@ def table(jobs: Sequence[JobStatus]) -> Table:
             printable(job.label),
             Text(job.state, COLORS.get(job.state, "")),
             _stage(current) if current else "",
-            duration(sum(part.state.seconds for part in job.parts)),
-            duration(_left(job.parts, expected)) if current else "",
+            duration(sum(part.state.seconds for part in parts)),
+            duration(status.seconds_left(job.parts, expected)) if current else "",
         )
     return rows
 
@@ -102,50 +128,12 @@ def _stage(part: StageStatus) -> str:
     return f"{part.name} {part.state.finished}/{part.state.total}" if part.state.total else part.name
 
 
-def summary(jobs: Sequence[JobStatus]) -> str:
-    """Numbers of settings by state, and total time spent and left."""
+def summary(jobs: Sequence[JobStatus], own: Sequence[Sequence[StageStatus]]) -> str:
+    """Numbers of settings by state, and total time spent and left, of each setting's `own_stages`."""
     counts = Counter(job.state for job in jobs)
     rest = [f"{count} {name}" for name, count in counts.items() if name != "complete"]
-    parts = _distinct(jobs)
+    parts = [part for parts in own for part in parts]
     time = f"{duration(sum(part.state.seconds for part in parts))} spent"
     if rest:
-        time += f", {duration(_left(parts, _typical(jobs)))} left, one job at a time"
+        time += f", {duration(status.seconds_left(parts, status.typical(jobs)))} left, one job at a time"
     return ", ".join([f"{counts['complete']} of {len(jobs)} settings complete", *rest]) + f"; {time}"
-
-
-def _distinct(jobs: Sequence[JobStatus]) -> list[StageStatus]:
-    """All stages, once each, since settings share some."""
-    return list({(part.name, part.digest): part for job in jobs for part in job.parts}.values())
-
-
-def _typical(jobs: Sequence[JobStatus]) -> dict[str, float]:
-    """Stage name -> mean seconds of those that are complete."""
-    seconds = defaultdict(list)
-    for part in _distinct(jobs):
-        if part.state.name == "complete":
-            seconds[part.name].append(part.state.seconds)
-    return {name: mean(values) for name, values in seconds.items()}
-
-
-def _left(parts: Sequence[StageStatus], expected: dict[str, float]) -> float | None:
-    """Estimate of the remaining seconds, from a stage's own pace or others of its kind; None if unknown."""
-    total = 0.0
-    for part in parts:
-        if part.state.name == "complete":
-            continue
-        left = part.state.seconds_left
-        if left is None:
-            if part.name not in expected:
-                return None
-            left = max(expected[part.name] - part.state.seconds, 0.0)
-        total += left
-    return total
-
-
-def duration(seconds: float | None) -> str:
-    """Hours, minutes and seconds; a question mark if unknown."""
-    if seconds is None:
-        return "?"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -5,11 +5,14 @@ import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import requires
+from typing import Any
 
 from hydra.errors import OverrideParseException
+from omegaconf import OmegaConf
 
+from affmap.results.provenance import leaves
 from affmap.settings import ConfigError, folders, names, read
-from affmap.settings.messages import format_value, one_line, shorten
+from affmap.settings.messages import alternatives, format_value, nearest, one_line, shorten
 
 
 @contextmanager
@@ -38,7 +41,8 @@ def _explain(error: Exception) -> str:
         remedy = one_line(reason[1]) if reason else _explain_override(error.override)
         return f"the override {format_value(error.override)} cannot be read: {remedy}."
     if override := re.search(r"^Could not override '(.+)'\.\nTo append to your config", text):
-        return _explain_key(getattr(error.__cause__, "full_key", None) or override[1])
+        node = getattr(error.__cause__, "parent_node", None)
+        return _explain_key(getattr(error.__cause__, "full_key", None) or override[1], node)
     if unknown := re.search(
         r"^Could not override '(.+?)'\.\s+(?:No match|Did you)|^.+ config\. '(.+)' does not exist", text
     ):
@@ -52,8 +56,9 @@ def _explain(error: Exception) -> str:
             return f"hydra/launcher = {extra!r} needs {package}, which is not installed: pip install 'affmap[{extra}]'."
     if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
         path, group, options = choice.groups()
-        names = ", ".join([*options.split(), *_nested(group)])
-        return f"{group} = {format_value(path.removeprefix(f'{group}/'))} does not exist; there are: {names}."
+        name = path.removeprefix(f"{group}/")
+        end = alternatives(name, [*options.split(), *_nested(group)])
+        return f"{group} = {format_value(name)} does not exist; {end}"
     if present := re.search(r"An item is already at '(.+?)'", text):
         return f"{one_line(present[1])} is a key already; leave out the +."
     if twice := re.search(r'found duplicate key (.+)\n *in "(.+)", line (\d+)', text):
@@ -89,8 +94,11 @@ def _explain_override(override: str) -> str:
     return "brackets, quotes, commas and = have a meaning of their own; complete it, or put quotes around text"
 
 
-def _explain_key(key: str) -> str:
-    """A key that no configuration has, as a sentence; capitals are those of make's variables."""
+def _explain_key(key: str, node: Any = None) -> str:
+    """A key that the configuration does not have, as a sentence; capitals are those of make's variables.
+
+    `node` is the part of the configuration in which Hydra did not find it.
+    """
     key = one_line(key)
     if key.isupper():
         return (
@@ -102,7 +110,23 @@ def _explain_key(key: str) -> str:
             f"{key} is a key of {' and '.join(options)} only, and not every job here has that; say {options[0]}, or "
             "leave the key out."
         )
-    return f"{key} is not a known key; correct its spelling."
+    near = _nearest_key(key, node)
+    return f"{key} is not a known key; {f'did you mean {near}?' if near else 'correct its spelling.'}"
+
+
+def _nearest_key(key: str, node: Any) -> str | None:
+    """The key of the same part of the configuration that `key` most likely means; else a group, or a key anywhere."""
+    if not OmegaConf.is_dict(node):
+        return None
+    place, dot, name = key.rpartition(".")
+    if near := nearest(name, map(str, node)):
+        return f"{place}{dot}{near}"
+    if place:
+        return None
+    tree: Any = OmegaConf.to_container(node)
+    every = {each.rpartition(".")[2]: each for each in leaves(tree) if "_logging." not in each}
+    near = nearest(key, _groups()) or nearest(key, every)
+    return every.get(near, near) if near else None
 
 
 def _options_with(key: str) -> list[str]:
@@ -124,6 +148,12 @@ def _package_of(extra: str) -> str | None:
 
 def _nested(group: str) -> list[str]:
     """Options of a group that Hydra's list leaves out: files in its folders, but for those that are groups."""
-    groups = {key for entry in read(".", "config")["defaults"] if isinstance(entry, dict) for key in entry}
+    groups = _groups()
     paths = [path.relative_to(each) for each in folders() for path in sorted(each.glob(f"{group}/*/**/*.yaml"))]
     return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in groups]
+
+
+def _groups() -> set[str]:
+    """The groups of which a configuration chooses files."""
+    entries = [entry for entry in read(".", "config")["defaults"] if isinstance(entry, dict)]
+    return {key.removeprefix("override ") for entry in entries for key in entry}

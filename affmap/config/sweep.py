@@ -20,7 +20,7 @@ from affmap.config.jobs import Checker, expand
 from affmap.config.root import Config
 from affmap.control.registry import is_learned
 from affmap.settings import ConfigError
-from affmap.settings.messages import format_value, one_line
+from affmap.settings.messages import format_value, nearest, one_line
 from affmap.store.files import read_json, write_json
 from affmap.store.provenance import has_valid_checksum, with_checksum
 
@@ -118,6 +118,39 @@ class Sweep(NamedTuple):
         return growth
 
 
+def expand_folder(arguments: Sequence[str]) -> list[str]:
+    """A command line in which a folder stands for the overrides of the last sweep run into it; other overrides win.
+
+    Raises:
+        ConfigError: there are several folders, or no such folder, or `read_note` cannot read its note; or the sweep
+            writes to another folder.
+    """
+    folders = [argument for argument in arguments if is_folder(argument)]
+    if not folders:
+        return [*arguments]
+    if len(folders) > 1:
+        raise ConfigError(f"{format_value(folders[1])} is a second folder; give one folder at a time.")
+    path, own = Path(folders[0]), [argument for argument in arguments if argument not in folders]
+    overrides = [*read_note(path), *own]
+    single = [str(each.input_line) for each in parse(overrides) if not each.is_sweep_override()]
+    output = Path(str(values(compose(single))["output"]))
+    if "output" not in _keys(own) and output.resolve() != path.resolve():
+        raise ConfigError(
+            f"the sweep of {path} writes to {output}; say that folder, where the sweep was run, or output={path}."
+        )
+    return overrides
+
+
+def is_folder(argument: str) -> bool:
+    """Whether an argument of a command line is the folder of a sweep, and no override."""
+    return "=" not in argument and not argument.startswith("~")
+
+
+def folders_with_notes(parent: Path = Path("runs")) -> list[Path]:
+    """Folders below `parent` that sweeps were run into."""
+    return sorted(path.parents[1] for path in parent.rglob(NOTE))
+
+
 def write_note(output: Path, overrides: Sequence[str]) -> None:
     """Note the overrides of a sweep in its output folder, with a checksum, for `read_note`."""
     path = output / NOTE
@@ -131,20 +164,24 @@ def read_note(output: Path) -> list[str]:
     Hydra's own are left out, but for those of a search.
 
     Raises:
-        ConfigError: there is no note, or it is corrupted, or it reads more than a configuration.
+        ConfigError: there is no such folder, and the message lists those there are; or it has no note; or the note is
+            corrupted, or it reads more than a configuration.
     """
     path = output / NOTE
+    remedy = "give the overrides of the sweep instead, such as experiment=exp1."
+    if not output.is_dir():
+        raise ConfigError(f"{output} is neither a folder nor an override key=value{_other_folders(output)}")
+    if not path.is_file():
+        raise ConfigError(f"{output} holds no note of a sweep ({NOTE}); {remedy}")
     try:
-        if not path.is_file() or path.stat().st_size > LARGEST_NOTE:
+        if path.stat().st_size > LARGEST_NOTE:
             raise ValueError(path)
         note = TypeAdapter(dict[str, Any]).validate_python(read_json(path))
         if not has_valid_checksum(note):
             raise ValueError(path)
         lines = TypeAdapter(list[str]).validate_python(note["overrides"])
     except (OSError, ValueError, KeyError):
-        raise ConfigError(
-            f"{path} is missing or corrupted; give the overrides of the sweep instead, such as experiment=exp1."
-        ) from None
+        raise ConfigError(f"{path} is corrupted; {remedy}") from None
     overrides = [override for override in parse(lines) if not _is_hydra(override) or _is_of_search(override)]
     for override in overrides:
         if not refers_to_keys_only(repr(override.value())):
@@ -153,6 +190,16 @@ def read_note(output: Path) -> list[str]:
                 "must not; give the overrides of the sweep instead."
             )
     return [str(override.input_line) for override in overrides]
+
+
+def _other_folders(output: Path) -> str:
+    """The end of a sentence on a folder that does not exist: folders of sweeps in its place."""
+    place = Path("runs") if output.parent == Path() else output.parent
+    folders = {str(path.relative_to(place)): str(path) for path in folders_with_notes(place)}
+    if not folders:
+        return f"; there is no sweep in {place}, `affmap experiment=exp1` begins one."
+    near = nearest(output.name, folders)
+    return f"{f'; did you mean {folders[near]}?' if near else '.'} Folders of sweeps: {', '.join(folders.values())}."
 
 
 def _is_hydra(override: Override) -> bool:
@@ -196,6 +243,11 @@ def replace_experiment(overrides: Sequence[str], experiment: str, dropped: Colle
 def _keys(overrides: Sequence[str]) -> list[str]:
     """The keys and groups of a command line."""
     return [override.key_or_group for override in parse(overrides)]
+
+
+def fixed_keys(overrides: Sequence[str]) -> list[str]:
+    """The keys and groups that have one value in all jobs of a command line."""
+    return [override.key_or_group for override in parse(overrides) if not override.is_sweep_override()]
 
 
 def is_sweep(overrides: Sequence[str]) -> bool:

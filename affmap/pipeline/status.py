@@ -1,12 +1,15 @@
 """The status of the jobs of a sweep, one of `affmap.store.store.State` each. Runs nothing."""
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from statistics import mean
 from typing import NamedTuple
 
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import open_store, stages
+from affmap.pipeline.progress import Overview
 from affmap.store.stage import Stage
 from affmap.store.store import State
 
@@ -57,6 +60,51 @@ def _part(stage: Stage, config: Config, check: bool, cache: dict[str, StageStatu
     if stage.digest not in cache:
         cache[stage.digest] = StageStatus(stage.name, stage.digest, open_store(config).state(stage, check))
     return cache[stage.digest]
+
+
+def distinct(jobs: Iterable[JobStatus]) -> list[StageStatus]:
+    """All stages, once each, since settings share some."""
+    return list({(part.name, part.digest): part for job in jobs for part in job.parts}.values())
+
+
+def typical(jobs: Iterable[JobStatus]) -> dict[str, float]:
+    """Stage name -> mean seconds of those that are complete."""
+    seconds = defaultdict(list)
+    for part in distinct(jobs):
+        if part.state.name == "complete":
+            seconds[part.name].append(part.state.seconds)
+    return {name: mean(values) for name, values in seconds.items()}
+
+
+def seconds_left(parts: Iterable[StageStatus], expected: dict[str, float]) -> float | None:
+    """Estimate of the remaining seconds, from a stage's own pace or others of its kind; None if unknown."""
+    total = 0.0
+    for part in parts:
+        if part.state.name == "complete":
+            continue
+        left = part.state.seconds_left
+        if left is None:
+            if part.name not in expected:
+                return None
+            left = max(expected[part.name] - part.state.seconds, 0.0)
+        total += left
+    return total
+
+
+def overview(jobs: Sequence[JobStatus], workers: int) -> Overview:
+    """The progress of a sweep that so many jobs at a time work on."""
+    stages = distinct(jobs)
+    left = seconds_left(stages, typical(jobs))
+    parts = [part.state.finished / part.state.total for part in stages if part.state.total]
+    complete = sum(part.state.name == "complete" for part in stages)
+    return Overview(
+        settings=sum(job.state == "complete" for job in jobs),
+        num_settings=len(jobs),
+        stages=complete,
+        num_stages=len(stages),
+        work=complete + sum(parts),
+        seconds_left=None if left is None else left / workers,
+    )
 
 
 def failures(jobs: Iterable[JobStatus]) -> list[str]:

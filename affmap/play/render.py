@@ -13,7 +13,7 @@ import numpy as np
 import pygame
 import torch
 
-from affmap.cli.app import command
+from affmap.cli.app import Parser, command
 from affmap.control.arguments import vehicle
 from affmap.control.episodes import fly
 from affmap.control.pretrained import experiments, load, origin
@@ -123,8 +123,11 @@ def check(path: Path) -> None:
 
 def main() -> None:
     """Run the command `affmap-render`."""
-    about = "`affmap-render`: a film of trained agents that fly from a corner to the opposite one."
-    parser = argparse.ArgumentParser(prog="affmap-render", description=about)
+    purpose = "film trained agents that fly from a corner to the opposite one, side by side."
+    examples = (
+        "  affmap-render\n  affmap-render exp1 --layout two_obstacles --context-size 8\n  affmap-render runs/exp1"
+    )
+    parser = Parser("affmap-render", purpose, examples)
     known = ", ".join(experiments())
     parser.add_argument(
         "source", nargs="?", default="exp1", help=f"a report's folder, or one of {known} (default: exp1)"

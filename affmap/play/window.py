@@ -1,6 +1,5 @@
 """The command `affmap-play`: the game in a window (pygame), with a panel on the agent and its view."""
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ import numpy as np
 import pygame
 import torch
 
-from affmap.cli.app import command
+from affmap.cli.app import Parser, command
 from affmap.control.pretrained import experiments
 from affmap.env.body import THROTTLES
 from affmap.env.rendering import BLACK, WHITE, Canvas, open_window
@@ -269,8 +268,9 @@ def _on(shown: bool) -> str:
 
 def main() -> None:
     """Run the command `affmap-play`."""
-    about = "`affmap-play`: fly the vehicle, or watch a trained agent imagine and fly."
-    parser = argparse.ArgumentParser(prog="affmap-play", description=about)
+    purpose = "fly the vehicle, or watch a trained agent imagine and fly."
+    examples = "  affmap-play\n  affmap-play exp1 --world two_obstacles\n  affmap-play runs/exp1 --context-size 8"
+    parser = Parser("affmap-play", purpose, examples)
     known = ", ".join(experiments())
     parser.add_argument(
         "source", nargs="?", default="exp1", help=f"a report's folder, or one of {known} (default: exp1)"

@@ -55,7 +55,7 @@ class Content:
         return alert(self.warning)
 
     def verdicts(self) -> str:
-        """Numbers of claims that hold, do not hold, and are not decided."""
+        """Numbers of claims that hold, do not hold, are not decided, and are not tested."""
         return escape(sentences.verdict_count(self.scores)) if self.scores else ""
 
     def summary(self) -> str:
@@ -231,7 +231,7 @@ def origins(records: Sequence[Mapping[str, Any]], command: str) -> str:
         values = provenance.distinct([value for record in records for value in record[name]])
         lines += [(name.capitalize(), _plain(value)) for value in values]
     outside = provenance.distinct([each for record in records for each in record.get("extensions", ())])
-    lines += [("Not of affmap", _plain(each)) for each in outside]
+    lines += [("Not of affmap", _describe_origin(each)) for each in outside]
     return bullets(f"**{name}:** {escape(text)}" for name, text in lines)
 
 
@@ -321,6 +321,12 @@ def _median_rows(results: Results, settings: ReportSettings, others: Sequence[Fa
             axis = [f"{low} to {high}" if group["paper_low"].notna().all() else NOTHING]
         rows.append([label, *values, span(group["number"]), *cells, *axis])
     return rows
+
+
+def _describe_origin(origin: Mapping[str, str]) -> str:
+    """The name of something from outside and its module, with the version of its package where it has one."""
+    package = f" of {origin['distribution']} {origin['version']}" if "distribution" in origin else ""
+    return f"{origin['name']}, by the module {origin['module']}{package}"
 
 
 def _plain(value: Any) -> str:

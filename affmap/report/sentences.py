@@ -8,7 +8,7 @@ from affmap.report.drawing.colors import name_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score, holm
 from affmap.results.metrics import METRICS
-from affmap.results.numbers import NOTHING, counted, listed, number, span
+from affmap.results.numbers import NOTHING, counted, interval, listed, number, span
 from affmap.results.scores import center
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, PLANNERS, ReportSettings, short_name
 from affmap.results.statistics import LEVEL, Outcome, Verdict
@@ -24,17 +24,14 @@ _COUNTS = {
     Verdict.HOLDS: ("holds", "hold"),
     Verdict.DOES_NOT_HOLD: ("does not hold", "do not hold"),
     Verdict.NOT_DECIDED: ("is not decided", "are not decided"),
+    Verdict.NOT_TESTED: ("is not tested", "are not tested"),
 }
 """Verdict -> verb phrase for one claim, and for several."""
 
 
 def effect(outcome: Outcome, unit: str) -> str:
     """Effect with its interval and unit."""
-    if outcome.effect is None:
-        return NOTHING
-    digits = 4 if unit == "ratio" else 2 if abs(outcome.effect) < 1000 else 0
-    size, *ends = (number(value, digits, sign=True) for value in (outcome.effect, outcome.low, outcome.high))
-    return f"{size} {unit}" if outcome.low is None else f"{size} [{', '.join(ends)}] {unit}"
+    return interval(outcome.effect, outcome.low, outcome.high, unit)
 
 
 def verdict_count(scores: Sequence[Score]) -> str:

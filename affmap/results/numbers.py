@@ -21,6 +21,15 @@ def number(value: float | None, digits: int = 2, sign: bool = False) -> str:
     return text.replace("-", "\N{MINUS SIGN}")
 
 
+def interval(value: float | None, low: float | None, high: float | None, unit: str) -> str:
+    """An effect with its 95 % interval, if there is one, and its unit; an en dash if there is no effect."""
+    if value is None:
+        return NOTHING
+    digits = 4 if unit == "ratio" else 2 if abs(value) < 1000 else 0
+    size, *ends = (number(each, digits, sign=True) for each in (value, low, high))
+    return f"{size} {unit}" if low is None else f"{size} [{', '.join(ends)}] {unit}"
+
+
 def p_value(value: float | None) -> str:
     """A p value to three digits; an en dash if there is none."""
     if value is None:

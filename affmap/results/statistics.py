@@ -1,9 +1,10 @@
 """Tests of ordered settings, of paired ones and of levels, paired by member: pure functions of score matrices.
 
-A verdict has three values. A claim of a *direction* holds when a one-sided test in it gives p < 0.05, does not hold
+A claim of a *direction* holds when a one-sided test in it gives p < 0.05, does not hold
 when the one-sided test in the opposite direction does, and is not decided otherwise. A claim of a *size* (at least a
 level, or the same up to a margin) is decided by the 95 % interval over members and has no p value. Neither is decided
-where there is too little to test: then a note says what is missing. No function returns a NaN or decides from one.
+where there is too little to test, and neither is tested where nothing was run: then a note says what is missing. No
+function returns a NaN or decides from one.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,6 +42,8 @@ class Verdict(StrEnum):
     HOLDS = "holds"
     DOES_NOT_HOLD = "does not hold"
     NOT_DECIDED = "not decided"
+    NOT_TESTED = "not tested"
+    """Runs, maps or trainings that it is about are missing."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ def trend(scores: ArrayLike, direction: Direction, statistic: Statistic = "mean"
     _check(direction, get_args(Direction))
     matrix = np.asarray(scores, dtype=float)
     if matrix.ndim != 2 or matrix.shape[1] < 2:
-        return undecided("Page's trend test", len(matrix), "needs at least two settings")
+        return undecided("Page's trend test", 0, "needs at least two settings")
     difference = matrix[:, -1] - matrix[:, 0]
     if matrix.shape[1] == 2:
         return _signed_rank(difference, "higher" if direction == "rises" else "lower", statistic)
@@ -151,7 +154,7 @@ def everywhere(each: Sequence[Outcome], mean: Outcome) -> Outcome:
     complete = len(each) > 0 and len(p) == len(opposite) == len(each)
     return replace(
         mean,
-        verdict=conjunction([outcome.verdict for outcome in each]) if each else Verdict.NOT_DECIDED,
+        verdict=conjunction([outcome.verdict for outcome in each]) if each else mean.verdict,
         p=max(p) if complete else None,
         p_opposite=min(opposite) if complete else None,
     )
@@ -199,13 +202,16 @@ def _decide(holds: bool, fails: bool) -> Verdict:
 
 
 def conjunction(verdicts: Sequence[Verdict]) -> Verdict:
-    """A claim of several parts holds when all do, and does not hold when one does not."""
+    """A claim of several parts holds when all do, does not hold when one does not, is not tested when none is."""
+    if {*verdicts} == {Verdict.NOT_TESTED}:
+        return Verdict.NOT_TESTED
     return _decide(all(each is Verdict.HOLDS for each in verdicts), Verdict.DOES_NOT_HOLD in verdicts)
 
 
 def undecided(test: str, members: int, note: str, effect: float | None = None) -> Outcome:
-    """The outcome of a test that could not be made."""
-    return Outcome(test, members, Verdict.NOT_DECIDED, effect, note=note)
+    """The outcome of a test that could not be made; without members, nothing was run that it could have tested."""
+    verdict = Verdict.NOT_DECIDED if members else Verdict.NOT_TESTED
+    return Outcome(test, members, verdict, effect, note=note)
 
 
 def _signed_rank(difference: Scores, order: Order, statistic: Statistic) -> Outcome:

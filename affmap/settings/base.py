@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from inspect import Parameter, Signature, cleandoc
 from pathlib import Path
 from textwrap import fill
@@ -29,7 +29,7 @@ from pydantic import (
 )
 
 from affmap.settings import plain_yaml
-from affmap.settings.messages import ConfigError, format_value, sentences
+from affmap.settings.messages import ConfigError, alternatives, format_value, sentences
 from affmap.settings.types import NAME
 
 
@@ -189,7 +189,24 @@ class Settings(BaseModel):
             yield
         except ValidationError as error:
             errors = error.errors(include_url=False)
-            raise ConfigError(sentences(errors, values, origin, origins or {}, cls.model_fields)) from None
+            known = partial(_known_keys, cls, values)
+            raise ConfigError(sentences(errors, values, origin, origins or {}, known)) from None
+
+
+def _known_keys(
+    settings: type[Settings], values: Mapping[str, Any], part: Mapping[str, Any], unknown: str
+) -> Collection[str]:
+    """The keys that a part of some settings' values may have: in a part, those of the class that shares most with it.
+
+    Pydantic does not tell which classes it has tried.
+    """
+    if part is values:
+        return settings.model_fields
+    kinds = [Settings]
+    for kind in kinds:  # the list grows
+        kinds += kind.__subclasses__()
+    every = [kind.model_fields.keys() for kind in kinds if unknown not in kind.model_fields]
+    return max(every, key=lambda keys: len(keys & part.keys()))
 
 
 def _with_keys(doc: str, descriptions: Mapping[str, str | None]) -> str:
@@ -257,7 +274,8 @@ def read(group: str, name: str) -> dict[str, Any]:
             f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {', '.join(names(group))}."
         )
     if not (path := find(group, name)):
-        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; conf/{group} holds: {', '.join(names(group))}.")
+        holds = alternatives(name, names(group), f"conf/{group} holds")
+        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; {holds}")
     status = path.stat()
     return _read(path, f"conf/{group}/{name}.yaml", (status.st_mtime_ns, status.st_size))
 

@@ -2,9 +2,9 @@
 
 import logging
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, Literal
 
 from pydantic_core import ErrorDetails
 
@@ -39,6 +39,17 @@ def format_value(value: Any, length: int = 100) -> str:
     return text if len(text) <= length else f"{shorten(text, length)} ({len(text)} characters)"
 
 
+def nearest(word: str, options: Iterable[str]) -> str | None:
+    """The option that a misspelt word most likely means; None where none is near."""
+    return next(iter(get_close_matches(word, [*options], 1)), None)
+
+
+def alternatives(word: str, options: Sequence[str], heading: str = "there are") -> str:
+    """The end of a sentence about an option that does not exist: the nearest one, if one is near, and all options."""
+    listed = ", ".join(options)
+    return f"did you mean {near}? There are: {listed}." if (near := nearest(word, options)) else f"{heading}: {listed}."
+
+
 def shorten(text: str, length: int) -> str:
     """The beginning and the end of a text that is longer than `length`."""
     if len(text) <= length:
@@ -64,14 +75,26 @@ def printable(text: str) -> str:
 class PrintableFormatter(logging.Formatter):
     """Formats log messages, which may quote files and names of files, so that they do not control a terminal."""
 
+    def __init__(self, fmt: str, datefmt: str | None = None, style: Literal["%"] = "%", setting: str = "") -> None:
+        """Begin each message with the `setting` of the job that logs it, such as the values of swept keys."""
+        super().__init__(fmt, datefmt, style)
+        self._setting = shorten(setting, 100)  # a search may try many values at once
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802  # the name that `logging` calls
+        """The message with the setting."""
+        record.message = ": ".join(filter(None, [self._setting, record.getMessage()]))
+        return super().formatMessage(record)
+
     def format(self, record: logging.LogRecord) -> str:
         """The message as a printable text."""
         return printable(super().format(record))
 
 
-def sentences(
-    errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str], keys: Collection[str]
-) -> str:
+Keys = Callable[[Mapping[str, Any], str], Iterable[str]]
+"""Of some values and an unknown key of theirs: the keys that they may have."""
+
+
+def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str], known: Keys) -> str:
     """A line for each invalid value: its origin, and the error.
 
     Args:
@@ -79,16 +102,16 @@ def sentences(
         values: those that were validated.
         origin: where the values come from.
         origins: the same for single keys that come from elsewhere.
-        keys: those that `values` may have.
+        known: the keys that settings may have in place of an unknown one.
     """
     lines = [
-        f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values, keys))}"
+        f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values, known))}"
         for item in errors[:MOST]
     ]
     return "\n".join([*lines, *([f"... and {len(errors) - MOST} more."] if len(errors) > MOST else [])])
 
 
-def sentence(item: ErrorDetails, values: Any, keys: Collection[str]) -> str:
+def sentence(item: ErrorDetails, values: Any, known: Keys) -> str:
     """An invalid value in a sentence: key = value, error, remedy."""
     key, value = _key(item["loc"], values, item["type"] == "missing"), format_value(item["input"])
     problem = _PROBLEMS.get(item["type"]) or re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
@@ -96,7 +119,7 @@ def sentence(item: ErrorDetails, values: Any, keys: Collection[str]) -> str:
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
-        remedy = nearest(key, keys) if len(item["loc"]) == 1 else "remove it or correct its spelling."
+        remedy = _remedy(item["loc"], key, known(_holder(item["loc"], values), str(item["loc"][-1])))
         return f"{key} = {value} is not a known key; {remedy}"
     if item["type"] == "invalid_key" or (item["loc"][-1:] == ("[key]",) and not isinstance(item["input"], str)):
         return f"{key}: the key is not text; put quotes around it, or remove it."
@@ -112,10 +135,12 @@ def sentence(item: ErrorDetails, values: Any, keys: Collection[str]) -> str:
     return f"{key} = {value} is not allowed: it {problem}."
 
 
-def nearest(name: str, names: Collection[str]) -> str:
-    """The remedy for an unknown name: the one that is spelt most like it, and all that there are."""
-    guess = "".join(f"did you mean {each}? " for each in get_close_matches(name, names, n=1))
-    return f"{guess}There are: {', '.join(names)}."
+def _remedy(location: Sequence[int | str], key: str, known: Iterable[str]) -> str:
+    """The end of a sentence about an unknown key; below the top, pydantic does not tell which keys there may be."""
+    if len(location) == 1:
+        return alternatives(key, [*known])
+    near = nearest(str(location[-1]), known)
+    return f"did you mean {key[: key.rfind('.') + 1]}{near}?" if near else "remove it or correct its spelling."
 
 
 def _key(location: Sequence[int | str], values: Any, is_missing: bool) -> str:
@@ -131,3 +156,11 @@ def _key(location: Sequence[int | str], values: Any, is_missing: bool) -> str:
         except (KeyError, IndexError, TypeError):
             values = None
     return key.lstrip(".")
+
+
+def _holder(location: Sequence[int | str], values: Any) -> Any:
+    """The part of `values` that has the last key of a location."""
+    for part in location[:-1]:
+        if isinstance(part, int) or part in values:  # pydantic also names the alternatives that it has tried
+            values = values[part]
+    return values

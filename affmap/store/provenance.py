@@ -38,8 +38,10 @@ def canonical(value: Any) -> str:
 
 def circumstances() -> dict[str, Any]:
     """The circumstances of a result besides its configuration: command, versions, git state, machine."""
+    # Settings of Hydra's for the names and the logs of jobs say nothing of a result, either.
+    arguments = [each for each in without_paths(sys.argv[1:]) if not each.lstrip("+").startswith("hydra.job")]
     return {
-        "command": shlex.join([Path(sys.argv[0]).name, *without_paths(sys.argv[1:])]),
+        "command": shlex.join([Path(sys.argv[0]).name, *arguments]),
         "versions": versions(),
         "git": _git(),
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},

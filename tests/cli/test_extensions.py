@@ -89,8 +89,11 @@ def test_the_report_shows_all_of_them(reported: Path) -> None:
             assert rows["path_length"].tolist() == pytest.approx(np.hypot(*np.moveaxis(steps, -1, 0)).sum(1), abs=1e-6)
     assert "path_length" in set(pd.read_csv(reported / "output/tables/medians.csv")["metric"])
     text = (reported / "output/report.html").read_text("utf-8")
-    for part in ("shooting", "still", "whirls", "blows to the left", "Length of the path (u)", "Not of affmap"):
+    for part in ("shooting", "still", "whirls", "blows to the left", "Length of the path (u)"):
         assert part in text, part
+    markdown = (reported / "output/report.md").read_text("utf-8")
+    assert "**Not of affmap:** planner.kind=shooting, by the module garden of garden 1.2" in markdown
+    assert "**Not of affmap:** metric=path\\_length, by the module notes\n" in markdown
     listed = json.loads((reported / "output/provenance.json").read_text("utf-8"))["extensions"]
     assert {each["name"]: each["module"] for each in listed} == {
         "agent.kind=still": "notes",

@@ -25,6 +25,7 @@ from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, 
 import affmap.pipeline.job
 from affmap import pipeline
 from affmap.cli import app, paper, publish, report, status
+from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.env import Layout
 from affmap.env.procedural import Procedural
@@ -86,7 +87,7 @@ def test_a_sweep_completes_every_stage_once(swept: Path) -> None:
         for folder in folders:
             record = json.loads((folder / "provenance.json").read_text())
             assert record["digest"] == folder.name and record["stage"] == stage
-            assert record["command"].startswith("affmap ")
+            assert record["command"].startswith("affmap ") and "hydra.job" not in record["command"]
     assert {path.name for path in swept.iterdir()} == {"store", "output"}
 
 
@@ -98,6 +99,8 @@ def test_hydra_ran_the_jobs_that_were_checked(swept: Path) -> None:
     assert [config.model.context_size for config in jobs(swept, *SWEEP)] == [0, 1]
     logs = [path.read_text() for path in (swept / "output").rglob("affmap.log")]
     assert len(logs) == 2 and all("complete" in text for text in logs)
+    names = [{line[10:].partition(": ")[0] for line in text.splitlines()} for text in logs]
+    assert sorted(names, key=str) == [{f"model.context_size={c}"} for c in (0, 1)], "of each line"
 
 
 def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
@@ -144,6 +147,41 @@ def test_running_it_again_changes_nothing(
     assert contents(swept) == before
 
 
+def test_a_folder_stands_for_the_sweep_that_was_run_into_it(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The sweep's own settings, its stages, and the remedies; other overrides win; nothing is written."""
+    before, output = contents(swept), str(swept / "output")
+    monkeypatch.chdir(swept)
+    for more, count in (([], 2), (["model.context_size=1"], 1)):
+        assert in_process(monkeypatch, "affmap", ["output", *more]) == 0
+        assert capsys.readouterr().out == f"single: {count} of {count} settings are complete.\n"
+    assert in_process(monkeypatch, "affmap-report", [output, "--check"]) == 1  # its stages are whole
+    assert capsys.readouterr().err == f"{output} holds no report.\naffmap-report makes a report anew.\n"
+    assert in_process(monkeypatch, "affmap-publish", [output]) == 2
+    assert "this result is not to be published: SMOKE RUN" in capsys.readouterr().err
+    assert in_process(monkeypatch, "affmap-status", [output, "model.context_size=0,1,2"]) == 0
+    assert "2 of 3 settings complete, 1 missing" in capsys.readouterr().out
+    assert contents(swept) == before
+    copied = shutil.copytree(output, tmp_path / "copied")
+    assert in_process(monkeypatch, "affmap", [str(copied)]) == 2
+    assert capsys.readouterr().err.startswith(f"the sweep of {copied} writes to {output}; ")
+    assert in_process(monkeypatch, "affmap", [str(copied), f"output={copied}"]) == 0
+
+
+def test_a_folder_that_is_not_there_is_called_so(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the nearest of those that are there, and all of them."""
+    for folder, end in (("ouptut", f"; did you mean {swept / 'output'}?"), ("x", ".")):
+        for entry in ("affmap", "affmap-report", "affmap-publish", "affmap-status"):
+            assert in_process(monkeypatch, entry, [str(swept / folder)]) == 2
+            message = f"{swept / folder} is neither a folder nor an override key=value{end} Folders of sweeps: "
+            assert capsys.readouterr().err.endswith(f"{message}{swept / 'output'}.\n")
+    assert in_process(monkeypatch, "affmap", [str(swept / "output"), str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"'{tmp_path}' is a second folder; give one folder at a time.\n"
+
+
 def tables(folder: Path, *overrides: str) -> list[tuple[str, bytes]]:
     """The tables and weights of all jobs, and where they lie in the store."""
     files = []
@@ -181,6 +219,11 @@ def test_a_sweep_that_was_killed_and_goes_on_with_two_workers_ends_with_the_same
     assert not any(pipeline.find(config) for config in jobs(tmp_path, *SWEEP))
     result = command(tmp_path, *SWEEP, "hydra.launcher.n_jobs=2")
     assert result.returncode == 0, result.stdout + result.stderr
+    lines = ["single: 0 of 2 settings are complete.", "single: all 2 settings are complete."]
+    hint = f"affmap-report {tmp_path / 'output'} shows and draws the results."
+    told = [line for line in result.stdout.splitlines() if "stages complete" not in line]  # of a slow machine
+    assert told == [*lines, hint], "the workers are silent"
+    assert all("control" in path.read_text() for path in tmp_path.rglob("affmap.log"))
     assert tables(tmp_path, *SWEEP) == tables(swept, *SWEEP)
     assert not list((tmp_path / "store").glob("*/*.partial"))
 
@@ -690,16 +733,22 @@ def test_optimised_bytecode_has_help(
     monkeypatch.setattr(sys, "argv", ["a command", "--help"])
     with contextlib.suppress(SystemExit):
         module.main()
-    assert re.search(r"`affmap-\w+`: [a-z ]{10}", " ".join(capsys.readouterr().out.split()))
+    assert re.match(r"affmap-\w+: [a-z ]{10}.*\n\nusage: affmap(.*\n)+examples:\n  affmap", capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("entry", ["affmap-status", "affmap-report", "affmap-publish"])
-def test_every_command_has_help(
+@pytest.mark.parametrize("entry", ["affmap", "affmap-status", "affmap-report", "affmap-publish"])
+def test_help_begins_with_the_purpose_then_usage_and_examples(
     entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Each example but those of flags alone is a command line that is accepted."""
     assert in_process(monkeypatch, entry, ["--help"]) == 0
     message = capsys.readouterr().out
-    assert message.startswith(f"`{entry}`: ") and "It takes Hydra overrides, such as experiment=exp1" in message
+    assert re.match(rf"{entry}: [a-z ]{{10}}.*\n\nusage: {entry} ?.*\n(.*\n)+ *examples:\n", message)
+    examples = re.findall(rf"^  {entry}((?: [\w/=.,-]+)*)(?:$|   )", message.partition("examples:")[2], re.MULTILINE)
+    assert len(examples) >= 3
+    for example in examples:
+        overrides = [argument for argument in example.split() if "=" in argument]
+        assert Sweep.read(overrides).configs or Search.read(overrides)
 
 
 def test_a_configuration_that_cannot_be_run_is_not_printed(

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 from commands import command, in_process, line
 
-from affmap.cli.status import duration, summary, table
+from affmap.cli.status import SHARED, own_stages, summary, table
 from affmap.config import sweep
 from affmap.config.sweep import Sweep
 from affmap.pipeline import train
-from affmap.pipeline.status import JobStatus, StageStatus, failures
+from affmap.pipeline.progress import duration
+from affmap.pipeline.status import JobStatus, StageStatus, failures, overview
 from affmap.store.store import State
 
 DATA = StageStatus("data", "a", State("complete", 10.0))
@@ -30,19 +31,20 @@ FOUND = [
 
 
 def cells(actual: list[JobStatus]) -> list[tuple[str, ...]]:
-    drawn = table(actual)
+    drawn = table(actual, own_stages(actual, set()))
     columns = [[str(cell) for cell in column.cells] for column in drawn.columns]
     return list(zip(*columns, strict=True))
 
 
 def test_each_setting_has_a_row() -> None:
-    """By hand: 30 s for 10 of 50 epochs leave 120 s; one that has not begun takes the mean of those complete, 150 s."""
+    """By hand: 30 s for 10 of 50 epochs leave 120 s; one that has not begun takes the mean of those complete, 150 s.
+    The data, which all share, count once."""
     assert cells(FOUND) == [
         ("size=0", "complete", "", "1:50", ""),
-        ("size=1", "complete", "", "3:30", ""),
-        ("size=2", "running", "train 10/50", "0:40", "2:00"),
-        ("size=3", "failed", "train 5/50", "0:50", "6:00"),
-        ("size=4", "missing", "train", "0:10", "2:30"),
+        ("size=1", "complete", "", "3:20", ""),
+        ("size=2", "running", "train 10/50", "0:30", "2:00"),
+        ("size=3", "failed", "train 5/50", "0:40", "6:00"),
+        ("size=4", "missing", "train", "0:00", "2:30"),
     ]
 
 
@@ -67,16 +69,26 @@ def test_text_from_files_is_shown_as_text(
 
 def test_what_is_shared_counts_once_in_the_sum() -> None:
     """10 + 100 + 200 + 30 + 40 s; 120 + 360 + 150 s."""
-    assert summary(FOUND) == (
+    assert summary(FOUND, own_stages(FOUND, set())) == (
         "2 of 5 settings complete, 1 running, 1 failed, 1 missing; 6:20 spent, 10:30 left, one job at a time"
     )
-    assert summary(FOUND[:2]) == "2 of 2 settings complete; 5:10 spent"
+    counted: set[str] = set()
+    assert summary(FOUND[:2], own_stages(FOUND[:2], counted)) == "2 of 2 settings complete; 5:10 spent"
+    baselines = [JobStatus("agent=straight", (DATA, TRAIN, StageStatus("control", "f", State("complete", 7.0))))]
+    assert summary(baselines, own_stages(baselines, counted)) == "1 of 1 settings complete; 0:07 spent"
+
+
+def test_the_overview_of_two_workers_takes_half_the_time() -> None:
+    """By hand: 3 of 6 stages, and 10/50 and 5/50 of two more; 630 s are left."""
+    now = overview(FOUND, workers=2)
+    assert now == (2, 5, 3, 6, pytest.approx(3.3), 315.0)
+    assert overview([JobStatus("size=0", (MAP,))], 2).seconds_left is None
 
 
 def test_what_nothing_tells_is_not_guessed() -> None:
     """No map has been made yet."""
     assert cells([JobStatus("size=0", (DATA, TRAIN, MAP))]) == [("size=0", "missing", "map", "1:50", "?")]
-    assert summary([JobStatus("size=0", (MAP,))]).endswith("0:00 spent, ? left, one job at a time")
+    assert summary([JobStatus("size=0", (MAP,))], [[MAP]]).endswith("0:00 spent, ? left, one job at a time")
 
 
 @pytest.mark.parametrize(("seconds", "message"), [(0.4, "0:00"), (59.6, "1:00"), (3599, "59:59"), (36000, "10:00:00")])
@@ -139,6 +151,7 @@ def test_the_status_of_a_folder_is_that_of_its_sweep(
             ["model.context_size=2", "complete"],
         ]
         assert "2 of 3 settings complete, 1 failed; 0:" in captured.out and captured.err == ""
+        assert captured.out.splitlines()[-1] == SHARED  # the data
     (failing / "runs").unlink()
     assert sorted(failing.rglob("*")) == before
 
@@ -171,9 +184,14 @@ def test_of_many_settings_only_those_are_listed_that_need_a_look() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["runs/nothing"], "runs/nothing/jobs/sweep.json is missing or corrupted"),
-        (["runs/nothing", "seed=3"], "takes either folders"),
+        (
+            ["runs/nothing"],
+            "runs/nothing is neither a folder nor an override key=value; there is no sweep in runs, `affmap ",
+        ),
+        (["runs/nothing", "seed=3"], "runs/nothing is neither a folder nor an override key=value"),
+        (["."], ".: . holds no note of a sweep (jobs/sweep.json); give the overrides"),
         (["--all"], "--all is not known here"),
+        (["--hepl"], "--hepl is not known here; did you mean --help?"),
     ],
 )
 def test_a_mistake_is_reported(

@@ -80,8 +80,23 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        (["contextsize=3"], "contextsize is not a known key; correct its spelling."),
-        (["model.contextsize=3"], "model.contextsize is not a known key; correct its spelling."),
+        (["contextsize=3"], "contextsize is not a known key; did you mean model.context_size?"),
+        (["model.contextsize=3"], "model.contextsize is not a known key; did you mean model.context_size?"),
+        (["planer.horizon=3"], "planer is not a known key; did you mean planner?"),
+        (["planner.horizn=3"], "planner.horizn is not a known key; did you mean planner.horizon?"),
+        (["experimnt=exp1"], "experimnt is not a known key; did you mean experiment?"),
+        (["model/trnsition=gru"], "model/trnsition is not a known key; did you mean model/transition?"),
+        (["hydra.launcher.njobs=2"], "hydra.launcher.njobs is not a known key; did you mean hydra.launcher.n_jobs?"),
+        (["n_jobs=2"], "n_jobs is not a known key; did you mean hydra.launcher.n_jobs?"),
+        (["moon=full"], "moon is not a known key; correct its spelling."),
+        (
+            ["planner=cme"],
+            "planner = 'cme' does not exist; did you mean cem? There are: cem, gradient, printed/cem, ",
+        ),
+        (
+            ["experiment=factor/beta"],
+            "experiment = 'factor/beta' does not exist; did you mean factors/beta? There are: ",
+        ),
         (["planner={a: 1}"], "planner.a is not a known key; correct its spelling."),
         *(
             (
@@ -148,8 +163,8 @@ def test_errors_of_hydra_name_the_override_and_a_remedy(line: list[str], message
 
 
 def test_the_options_of_a_group_include_files_in_folders() -> None:
-    with pytest.raises(ConfigError, match=r"^experiment = 'exp99' does not exist; there are: exp1, .*, factors/beta, "):
-        sweep.complete(["experiment=exp99"])
+    with pytest.raises(ConfigError, match=r"^experiment = 'moon' does not exist; there are: exp1, .*, factors/beta, "):
+        sweep.complete(["experiment=moon"])
 
 
 @pytest.mark.parametrize("character", sorted({*"~!@#$%^&*()-_+={}[]|\\:;\"',.<>?/`éß€ "}))
@@ -193,6 +208,13 @@ def test_a_layout_that_does_not_exist_is_reported(key: str) -> None:
     """Its name, and those that there are."""
     with pytest.raises(ConfigError, match=r"conf/layout/moon.yaml does not exist; conf/layout holds: .*original"):
         sweep.jobs([f"{key}=[moon]" if key == "training_layouts" else f"{key}=moon"])
+
+
+def test_a_layout_that_is_misspelt_is_suggested() -> None:
+    with pytest.raises(
+        ConfigError, match=r"conf/layout/orignal.yaml does not exist; did you mean original\? There are: "
+    ):
+        sweep.jobs(["world=orignal"])
 
 
 def test_another_experiment_with_the_same_command_line() -> None:

@@ -21,7 +21,7 @@ from affmap.results.tables import Results
 WriteStages = Callable[..., list[Setting]]
 WriteGrowth = Callable[..., Setting]
 EXPERIMENTS = ("exp1", "exp2", "exp3", "exp4", "exp5")
-HOLDS, DOES_NOT_HOLD, NOT_DECIDED = Verdict.HOLDS, Verdict.DOES_NOT_HOLD, Verdict.NOT_DECIDED
+HOLDS, DOES_NOT_HOLD, NOT_DECIDED, NOT_TESTED = Verdict
 
 
 @pytest.fixture(scope="module")
@@ -104,14 +104,15 @@ def test_every_test_says_what_it_is(stages: dict[str, Results], experiment: str)
     [((0, 8), 2), ((0,), 6), ((8,), 6), ((3,), 1)],
     ids=["2 members", "C = 0", "C = 8", "1 member"],
 )
-def test_what_was_not_run_is_not_decided(
+def test_what_was_not_run_is_not_tested(
     write_stages: WriteStages, tmp_path: Path, experiment: str, sizes: tuple[int, ...], members: int
 ) -> None:
     """In every part of a sweep, too: only the first layout, or only the last planner or layout."""
     jobs = write_stages(tmp_path, sizes, members=members, epochs=2, experiment=experiment)
     for some in (jobs, jobs[: len(sizes)], jobs[-len(sizes) :]):
         table = scores.as_table(scores.score(Results(tuple(some)), claims_about(experiment)))
-        decided = table[table["part_verdict"] != NOT_DECIDED]
+        decided = table[~table["part_verdict"].isin([NOT_DECIDED, NOT_TESTED])]
+        assert (table["part_verdict"].eq(NOT_TESTED) == table["members"].eq(0)).all(), "nobody was there to test"
         assert decided["members"].eq(6).all(), "from six members only"
         assert decided[["effect", "low", "high"]].notna().all(axis=None)
         assert (table.loc[table["low"].isna(), "note"] != "").all(), "what is missing is said"
@@ -128,7 +129,7 @@ def test_maps_and_runs_of_one_context_size_decide_what_they_can(stages: dict[str
         found |= verdicts(Results(largest[name]), name)
     decided = {"I-7", "I-8", "II-3", "III-1", "III-2", "IV-3", "IV-4", "V-2", "V-4", "V-5"}
     assert {name for name, verdict in found.items() if verdict == HOLDS} == decided
-    assert {found[name] for name in found.keys() - decided} == {NOT_DECIDED}
+    assert {found[name] for name in found.keys() - decided} == {NOT_TESTED}
 
 
 def test_what_is_missing_is_named(stages: dict[str, Results]) -> None:
@@ -324,13 +325,18 @@ def test_looks_that_come_to_matter_do_not_vanish(
     assert parts(Results(stages["exp3"].settings, growth), "exp3", "III-3")["b"]["part_verdict"] == DOES_NOT_HOLD
 
 
-@pytest.mark.parametrize(("epochs", "members"), [((1, 2), 2), ((2,), 6)])
+@pytest.mark.parametrize(("epochs", "members", "expected"), [((1, 2), 2, NOT_DECIDED), ((2,), 6, NOT_TESTED)])
 def test_few_snapshots_or_members_decide_no_growth(
-    write_growth: WriteGrowth, stages: dict[str, Results], tmp_path: Path, epochs: tuple[int, ...], members: int
+    write_growth: WriteGrowth,
+    stages: dict[str, Results],
+    tmp_path: Path,
+    epochs: tuple[int, ...],
+    members: int,
+    expected: Verdict,
 ) -> None:
     results = Results(stages["exp3"].settings, write_growth(tmp_path, members, epochs))
     row = parts(results, "exp3", "III-3")["a"]
-    assert (row["part_verdict"], row["note"] != "") == (NOT_DECIDED, True)
+    assert (row["part_verdict"], row["note"] != "") == (expected, True)
 
 
 # Experiment IV

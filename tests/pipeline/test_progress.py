@@ -3,12 +3,14 @@
 import io
 import multiprocessing
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 import pytest
 
-from affmap.pipeline.progress import displayed, track
+from affmap.pipeline import progress
+from affmap.pipeline.progress import Overview, displayed, follow, track
 from affmap.progress import Update
 
 
@@ -125,3 +127,72 @@ def test_a_caller_may_display_it_otherwise(capsys: pytest.CaptureFixture[str]) -
     with track("walking", 3, "steps") as update:
         update(1)
     assert shown == [("flying", 3, "steps"), (1, "high")] and noted == [(1, 3)]
+
+
+BEGIN = Overview(0, 3, 1, 9, 1.5, None)
+MIDDLE = Overview(1, 3, 4, 9, 4.0, 70.0)
+END = Overview(3, 3, 9, 9, 9.0, 0.0)
+
+
+def followed(monkeypatch: pytest.MonkeyPatch, overviews: Iterable[Overview]) -> None:
+    """Follow jobs until each of these states has been read; the last one is read again and again."""
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LOOKS", 0.001)
+    states, seen = list(overviews), 0
+
+    def look() -> Overview:
+        nonlocal seen
+        seen += 1
+        return states[min(seen, len(states)) - 1]
+
+    with follow("exp1", look):
+        deadline = time.monotonic() + 60
+        while seen < len(states):
+            assert time.monotonic() < deadline, "nobody looks"
+            time.sleep(0.001)
+
+
+def test_a_sweep_has_one_bar_in_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends with the last state; the time that is left is told where it is known."""
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setenv("COLUMNS", "150")
+    followed(monkeypatch, [BEGIN, MIDDLE, END])
+    shown = terminal.getvalue()
+    assert "0 of 3 settings, 1 of 9 stages complete" in shown and "?" not in shown.replace("\x1b[?25", "")
+    assert shown.rindex("3 of 3 settings, 9 of 9 stages complete") > shown.index("0 of 3 settings")
+    assert str(MIDDLE) == "1 of 3 settings, 4 of 9 stages complete, 1:10 left"
+
+
+def test_a_sweep_without_a_terminal_has_a_line_for_news_only(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One for a further setting, none for the same state again, none at the end, which the command reports."""
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LINES", -1)
+    followed(monkeypatch, [BEGIN, BEGIN, MIDDLE, MIDDLE, MIDDLE, END])
+    assert capsys.readouterr().out == f"exp1: {MIDDLE}\n"
+    monkeypatch.setattr(progress, "SECONDS_OF_SILENCE", -1)
+    followed(monkeypatch, [BEGIN, BEGIN, END])
+    assert capsys.readouterr().out == f"exp1: {BEGIN}\n"
+
+
+def test_an_error_ends_the_looking(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is raised in the block passes; a folder that is renamed while it is read is no error."""
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LOOKS", 0.001)
+    looks: list[int] = []
+
+    def look() -> Overview:
+        looks.append(1)
+        if len(looks) > 1:
+            raise FileNotFoundError
+        return BEGIN
+
+    def work() -> None:
+        while len(looks) < 3:
+            time.sleep(0.001)
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"), follow("exp1", look):
+        work()
+    number = len(looks)
+    time.sleep(0.02)
+    assert len(looks) == number

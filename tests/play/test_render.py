@@ -77,7 +77,7 @@ def test_help_comes_without_other_words() -> None:
     """As a user gets it, in a process of its own."""
     script = Path(sys.executable).with_name("affmap-render")
     shown = subprocess.run([script, "--help"], capture_output=True, text=True, check=True)
-    assert shown.stdout.startswith("usage: affmap-render") and shown.stderr == ""
+    assert shown.stdout.startswith("affmap-render: film ") and shown.stderr == ""
 
 
 @pytest.mark.parametrize(

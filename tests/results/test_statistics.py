@@ -67,9 +67,9 @@ def test_two_settings_are_compared_by_the_signed_rank_test() -> None:
         (np.empty((0, 0)), "needs at least two settings"),
     ],
 )
-def test_what_cannot_be_tested_is_not_decided_and_says_why(scores: np.ndarray, note: str) -> None:
+def test_what_cannot_be_decided_says_why_and_what_was_not_run_is_not_tested(scores: np.ndarray, note: str) -> None:
     outcome = statistics.trend(scores, "falls")
-    assert outcome.verdict == Verdict.NOT_DECIDED
+    assert outcome.verdict == (Verdict.NOT_TESTED if "two settings" in note else Verdict.NOT_DECIDED)
     assert outcome.note == note
     assert outcome.p is None
 
@@ -84,7 +84,7 @@ def test_no_input_makes_a_nan_or_a_warning(scores: np.ndarray) -> None:
         outcome = statistics.trend(scores, "falls")
     values = [outcome.effect, outcome.low, outcome.high, outcome.p, outcome.p_opposite]
     assert all(value is None or np.isfinite(value) for value in values)
-    if outcome.verdict != Verdict.NOT_DECIDED:
+    if outcome.verdict in (Verdict.HOLDS, Verdict.DOES_NOT_HOLD):
         assert outcome.p is not None and min(outcome.p, outcome.p_opposite or 1.0) < statistics.LEVEL
 
 
@@ -178,7 +178,8 @@ def test_everywhere_is_decided_by_the_least_convincing_setting() -> None:
     missing = statistics.undecided("test", 9, "all differences are zero", 0.0)
     whole = statistics.everywhere([sure, missing], mean)
     assert (whole.verdict, whole.p, whole.p_opposite) == (Verdict.NOT_DECIDED, None, None)
-    assert statistics.everywhere([], mean).verdict == Verdict.NOT_DECIDED
+    nothing = statistics.undecided("test", 0, "nothing was run")
+    assert statistics.everywhere([], nothing).verdict == nothing.verdict == Verdict.NOT_TESTED
 
 
 @settings(max_examples=30, deadline=None)
@@ -221,10 +222,12 @@ def test_the_interval_of_a_median_is_that_of_the_binomial_distribution() -> None
 
 
 def test_a_claim_of_parts_holds_when_all_do() -> None:
-    holds, fails, open_ = Verdict.HOLDS, Verdict.DOES_NOT_HOLD, Verdict.NOT_DECIDED
+    holds, fails, open_, missing = Verdict
     assert statistics.conjunction([holds, holds]) == holds
     assert statistics.conjunction([holds, open_]) == open_
     assert statistics.conjunction([open_, fails]) == fails
+    assert statistics.conjunction([holds, missing]) == open_
+    assert statistics.conjunction([missing, missing]) == missing
 
 
 def test_a_word_that_names_no_direction_is_refused() -> None:

@@ -8,8 +8,8 @@ import pydoc
 import re
 from collections.abc import Callable
 from copy import copy, deepcopy
+from logging.config import DictConfigurator
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Annotated, Literal
 
 import pytest
@@ -18,6 +18,7 @@ from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_v
 
 from affmap import settings
 from affmap.settings import ConfigError, Folder, Neutral, Settings, folder
+from affmap.settings.messages import PrintableFormatter
 
 
 class Wheel(Settings):
@@ -98,8 +99,12 @@ def test_a_file_gives_the_values_written_in_it() -> None:
         ({"wheels": [{"radius": 1}, {"radius": -2}]}, "wheels[1].radius = -2 is not allowed: it should be greater"),
         ({"wheels": [{}]}, "wheels[0].radius is missing; add the key."),
         ({"wheel": 3}, f"wheel = 3 is not a known key; did you mean wheels? {KEYS}"),
-        ({"sail": 3}, f"sail = 3 is not a known key; {KEYS}"),
+        ({"sail": 3}, f"sail = 3 is not a known key; t{KEYS[1:]}"),
         ({"wheels": [{"radius": 1, "size": 2}]}, "wheels[0].size = 2 is not a known key; remove it or correct"),
+        (
+            {"wheels": [{"radius": 1, "raduis": 2}]},
+            "wheels[0].raduis = 2 is not a known key; did you mean wheels[0].rad",
+        ),
         ({"gears": 8}, "gears = 8 is too many for mass = 1.5; give at most 7.5."),
     ],
 )
@@ -360,5 +365,12 @@ def test_logs_show_text_from_files_as_text() -> None:
     formats = [each for path in paths for each in yaml.safe_load(path.read_text())["formatters"].values()]
     assert len(paths) == len(formats) == 2
     for each in formats:
-        kind = resolve_name(each["class"])
-        assert kind(each["format"], "-").format(record).endswith(r"\x1b[2J\u202e\udcff.ckpt is corrupted")
+        formatter = DictConfigurator({"version": 1}).configure_formatter(dict(each))
+        assert formatter.format(record).endswith(r"\x1b[2J\u202e\udcff.ckpt is corrupted")
+
+
+def test_log_lines_begin_with_the_setting_of_their_job() -> None:
+    """Also one with signs that formats know; none has no colon."""
+    record = logging.LogRecord("a", logging.INFO, "a.py", 1, "%d epochs", (50,), None)
+    assert PrintableFormatter("- %(message)s", setting="title=5%s").format(record) == "- title=5%s: 50 epochs"
+    assert PrintableFormatter("- %(message)s").format(record) == "- 50 epochs"
