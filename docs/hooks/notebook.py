@@ -21,7 +21,7 @@ def pages() -> Iterator[tuple[str, str]]:
 def _cells(path: Path) -> Iterator[str]:
     """The cells of a notebook, and what they have put out, as Markdown."""
     for cell in json.loads(path.read_text("utf-8"))["cells"]:
-        text = "".join(cell["source"])
+        text = "".join(cell["source"]).replace("](../docs/", "](../")  # the site's root is docs
         yield text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```"
         for output in cell.get("outputs", []):
             data = output.get("data", {"text/plain": output.get("text", "")})
