@@ -87,7 +87,7 @@ gpu: $(READY)  ## an NVIDIA card beside the CPU: the same results, and speed (a 
 	$(BIN)/python -W ignore tests/benchmarks/gpu.py $(ARGS)
 
 docs: $(TOOLS)  ## build the documentation: build/site/index.html
-	$(BIN)/python -W ignore -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -W ignore -m mkdocs build --strict --quiet
 	@echo "The documentation is build/site/index.html"
 
 test: $(TOOLS)  ## run the tests, a process on each core

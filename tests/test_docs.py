@@ -1,21 +1,27 @@
 """The documentation: it builds, without network; what it says works; what it quotes is there."""
 
-import inspect
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
+from types import ModuleType
 from urllib.parse import unquote
 
 import pytest
+import yaml
+from playwright.sync_api import Browser, expect
 
 import affmap
+from affmap.env.registration import environments
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+CONF = ROOT / "conf"
 
 
 @pytest.fixture
@@ -25,7 +31,7 @@ def checkout(tmp_path: Path) -> Path:
     for name in ("affmap", "conf", "hydra_plugins", "docs", "notebooks"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=ignored)
     shutil.copytree(ROOT / "runs/reference", tmp_path / "runs/reference")
-    for name in ("mkdocs.yml", "README.md"):
+    for name in ("mkdocs.yml", "pyproject.toml", "CITATION.cff", "README.md"):
         shutil.copy(ROOT / name, tmp_path)
     loops = Path("affmap/compiled/__pycache__")
     (tmp_path / loops).mkdir()
@@ -37,11 +43,11 @@ def checkout(tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site, built where nothing outside can be reached, in a process of its own."""
-    pytest.importorskip("mkdocs", reason="the extra [docs]: make docs")
-    pytest.importorskip("mkdocstrings_handlers.python", reason="the extra [docs]: make docs")
+    for package in ("material", "mkdocstrings_handlers.python", "ziamath"):
+        pytest.importorskip(package, reason="the extra [docs]: make docs")
     folder = tmp_path_factory.mktemp("site")
     script = [sys.executable, "-W", "ignore", "-c", BUILD, "build", "--strict", "--site-dir", folder]
-    result = subprocess.run(script, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    result = subprocess.run(script, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
     return folder
 
@@ -74,13 +80,24 @@ class Found(HTMLParser):
         self.formulas += tag == "math"
 
 
+def place(path: Path, site: Path) -> str:
+    return path.relative_to(site).with_suffix("").as_posix()
+
+
 def test_the_site_builds_whole(site: Path) -> None:
     """Every page of the navigation; nothing is loaded from elsewhere; links and pictures are there and described."""
     pages = {path: Found(path) for path in site.rglob("*.html") if path.name != "404.html"}
     rooms = [path.parent.name for path in (ROOT / "affmap/experiments").glob("*/page.md")]
     navigation = re.findall(r": (\S+)\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), flags=re.M)
     navigation += [f"experiments/{room}" for room in rooms]
-    assert sorted(navigation) == sorted(path.relative_to(site).with_suffix("").as_posix() for path in pages)
+    navigation += [name.replace("affmap", "environments") for name in environments()]
+    navigation += [
+        f"commands/{name}" for name in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+    ]
+    places = sorted(place(path, site) for path in pages)
+    assert sorted(navigation) == [name for name in places if not name.startswith("api/")]
+    public = [name for name in affmap.__all__ if not isinstance(getattr(affmap, name), ModuleType | str)]
+    assert {f"api/affmap.{name}" for name in public} <= {*places}
     for path, found in pages.items():
         inside = [link for link in found.loaded if not link.startswith("data:")]
         assert not [link for link in inside if "//" in link], f"{path} loads something from elsewhere"
@@ -88,8 +105,56 @@ def test_the_site_builds_whole(site: Path) -> None:
             if "//" not in link and not link.startswith("#"):
                 assert (path.parent / unquote(link.partition("#")[0])).exists(), f"{path} has a broken link {link}"
         assert all(image.get("alt") for image in found.images), f"{path} has a picture without a description"
-        unfilled = re.findall(r"\{\{ (?:plot|table|source) ", path.read_text("utf-8"))
+        unfilled = re.findall(r"\{\{ (?:plot|table|source) |\{\{ \w+ \}\}</p>", path.read_text("utf-8"))
         assert not unfilled, f"{path} has a line that was not filled in"
+    for path in site.rglob("*.css"):
+        outside = re.findall(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", path.read_text("utf-8"))
+        assert not outside, f"{path} loads something from elsewhere"
+
+
+def test_every_page_can_be_found(site: Path) -> None:
+    """The search's index is a script, which a page from the disk can load, and has all pages."""
+    variable, index = (site / "search/search_index.js").read_text("utf-8").split(" = ", 1)
+    found = {document["location"].partition("#")[0] for document in json.loads(index)["docs"]}
+    assert variable == "var __index"
+    assert found == {f"{place(path, site)}.html" for path in site.rglob("*.html") if path.name != "404.html"}
+
+
+def test_every_key_is_in_the_reference(site: Path) -> None:
+    """Those of the files of `conf`, each with a type, a default and a meaning."""
+    cells = re.findall(
+        r"<td>(?:<code>)?(.*?)(?:</code>)?</td>", (site / "settings.html").read_text("utf-8"), flags=re.S
+    )
+    for path in CONF.glob("*/*.yaml"):
+        text = path.read_text("utf-8")
+        if path.parent.name not in ("layout", "hydra") and "@package _global_" not in text:
+            prefix = f"{path.parent.name}."
+            missing = [key for key in yaml.safe_load(text) if key != "kind" and prefix + key not in cells]
+            assert not missing, f"{path} has {missing}"
+    assert cells.count("") == 0
+
+
+PHONE = 400
+"""Pixels, the width of a phone."""
+
+
+def test_the_site_fits_a_phone_and_searches_from_the_disk(site: Path, browser: Browser) -> None:
+    """A page of each kind in Chromium, which asks for nothing outside the site; a planner is found by its letters."""
+    page = browser.new_page(viewport={"width": PHONE, "height": 800})
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    kinds = {
+        place(path, site).partition("/")[0]: path for path in sorted(site.rglob("*.html")) if path.name != "404.html"
+    }
+    for path in kinds.values():
+        page.goto(path.as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= PHONE, f"{path} is wider than a phone"
+    page.locator("label[for=__search]").first.click()
+    page.locator("input[name=query]").press_sequentially("cem")
+    first = page.locator(".md-search-result__item a").first
+    expect(first).to_have_attribute("href", f"{(site / 'api/affmap.CEMPlanner.html').as_uri()}?h=cem")
+    assert [url for url in asked if not url.startswith((site.as_uri(), "data:", "blob:"))] == []
+    page.close()
 
 
 def test_formulas_are_drawn_by_the_browser_itself(site: Path) -> None:
@@ -99,10 +164,13 @@ def test_formulas_are_drawn_by_the_browser_itself(site: Path) -> None:
     assert "\\mathbf" not in (site / "equations.html").read_text("utf-8").replace("alttext", "")
 
 
-def test_every_public_name_is_in_the_reference() -> None:
-    text = (DOCS / "api.md").read_text("utf-8")
-    names = [name for name in affmap.__all__ if not inspect.ismodule(getattr(affmap, name))]
-    assert [name for name in names if f".{name}\n" not in text] == []
+def test_sentences_of_the_page_on_trouble_exist() -> None:
+    """Its quotes, in the source; a dot stands for the parts that vary."""
+    source = "".join(path.read_text("utf-8") for path in (ROOT / "affmap").rglob("*.py"))
+    source = re.sub(r"\{[^{}\n]*\}", "…", re.sub(r"\"\s+f?\"", "", source))
+    quotes = re.findall(r"^\| `([^`]* [^`]*)` \|", (DOCS / "troubleshooting.md").read_text("utf-8"), flags=re.M)
+    assert len(quotes) > 5
+    assert [part for quote in quotes for part in quote.split("…") if part.strip() not in source] == []
 
 
 ENTRIES = re.split(r"^## ", (DOCS / "lablog.md").read_text("utf-8"), flags=re.M)[1:]
@@ -146,9 +214,9 @@ PAGES = [
 def test_what_a_page_says_works(page: Path, checkout: Path) -> None:
     """All of its code and commands, in order, in a checkout of their own."""
     if page.stem == "experiment":
-        pytest.importorskip("mkdocs", reason="the extra [docs]: make docs")
+        pytest.importorskip("material", reason="the extra [docs]: make docs")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     environment = {**os.environ, "PYTHONPATH": str(checkout), "PATH": path, "OMP_NUM_THREADS": "1"}
     script = [sys.executable, "-W", "ignore", ROOT / "tests/pages.py", page]
-    result = subprocess.run(script, cwd=checkout, env=environment, capture_output=True, text=True, timeout=300)
+    result = subprocess.run(script, cwd=checkout, env=environment, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr

@@ -77,6 +77,20 @@ def test_the_workflow_needs_no_secret_and_its_cache_depends_on_files_that_there_
     assert cached and set(cached) <= set(tracked())
 
 
+def test_the_site_is_published_from_where_it_is_built_with_the_least_permissions() -> None:
+    """Only the job that publishes may write, and only pages; actions of others are pinned by their major version."""
+    pages = yaml.safe_load(text(".github/workflows/pages.yml"))
+    build, publish = pages["jobs"]["build"], pages["jobs"]["publish"]
+    assert pages["permissions"] == {"contents": "read"} and "permissions" not in build
+    assert publish["permissions"] == {"pages": "write", "id-token": "write"}
+    assert "secrets" not in text(".github/workflows/pages.yml")
+    (folder,) = [step["with"]["path"] for step in build["steps"] if "path" in step.get("with", {})]
+    assert f"site_dir: {folder}\n" in text("mkdocs.yml")
+    assert [step["run"].removeprefix("make ") in TARGETS for step in build["steps"] if "run" in step] == [True]
+    actions = [step["uses"] for job in (build, publish) for step in job["steps"] if "uses" in step]
+    assert all(re.fullmatch(r"actions/[\w-]+@v\d+", action) for action in actions)
+
+
 def test_the_dockerfile_copies_files_that_there_are_and_are_not_ignored() -> None:
     """Tracked, let through by .dockerignore; all that the package is built from is among them."""
     copied = [word for name, words in instructions() if name == "COPY" for word in words[:-1]]

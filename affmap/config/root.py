@@ -73,6 +73,7 @@ class Config(Settings):
     name: NamePath
     """Name of the experiment, that of its file in `conf/experiment`."""
     title: Line
+    """Heading of the report."""
     seed: Seed
     """Seed of the first member; member m has seed + m."""
     members: Count

@@ -26,9 +26,9 @@ class Vehicle(Settings, defaults="vehicle/default"):
     """Physical constants (`conf/vehicle`)."""
 
     radius: Annotated[Length, Field(ge=MIN_RADIUS)]
-    """u."""
+    """Radius, u."""
     mass: Positive
-    """kg."""
+    """Mass, kg."""
     thrust: Positive
     """Force of one throttle fully open, N."""
     damping: NonNegative

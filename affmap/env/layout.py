@@ -32,7 +32,7 @@ class Circle(Settings):
     center: tuple[Number, Number]
     """x, y in u."""
     radius: Length
-    """u."""
+    """Radius, u."""
     effect: EffectName
     """Its effect on the vehicle: blocks it, adds noise to its reported position, pulls it, or nothing."""
     channel: Line

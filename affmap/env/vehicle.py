@@ -45,8 +45,11 @@ class PlainSpec:
 class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """A round vehicle flies through an arena to a goal (Section 4.1 of the paper).
 
-    Action: `Box(0, 1, [4])`, opening of each throttle; they push to the upper right, upper left, lower left and lower
-    right.
+    ## Actions
+
+    `Box(0, 1, [4])`: opening of each throttle; they push to the upper right, upper left, lower left and lower right.
+
+    ## Observations
 
     | observation | space | unit | meaning |
     |---|---|---|---|
@@ -55,9 +58,6 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     | view | MultiBinary([K, 11, 11]) | - | the 0.5 x 0.5 u around the true position, a channel for each kind of look |
     | goal | Box(0, size of the arena, [2]) | u | where to fly |
 
-    Reward: minus the distance between true position and goal, in u. An episode never terminates; environments made by
-    `gymnasium.make` truncate it after 200 steps.
-
     | info | type | meaning |
     |---|---|---|
     | position | [2] | true position, u |
@@ -65,10 +65,24 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     | in_fog | bool | the vehicle is in fog: its centre, or any part of it where the layout says `acts: rim` |
     | reached | bool | the distance to the goal is below `goal_radius` |
 
-    A run starts in the square of a random corner and has its goal in the opposite one. `reset(options=...)` takes
-    `corner` (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u). If the
-    layout is procedural, every reset draws another one, which like all else follows from the seed; not each of them
-    can be crossed.
+    ## Rewards
+
+    Minus the distance between true position and goal, in u.
+
+    ## Starting state
+
+    At rest, in the square of a random corner, with its goal in the opposite one. `reset(options=...)` takes `corner`
+    (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u). If the layout is
+    procedural, every reset draws another one, which like all else follows from the seed; not each of them can be
+    crossed.
+
+    ## Episode end
+
+    An episode never terminates; environments made by `gymnasium.make` truncate it after 200 steps.
+
+    ## Versions
+
+    v0: the first.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}

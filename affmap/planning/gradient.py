@@ -39,7 +39,7 @@ class GradientPlanner(Settings, defaults="planner/gradient"):
     initial_action: Share
     """Opening of all throttles before the first plan."""
     learning_rate: Positive
-    """Mean over the horizon."""
+    """Learning rate, the mean over the horizon."""
     decay: Annotated[Share, Field(gt=0)]
     """Ratio of the learning rates of a step and the next."""
 

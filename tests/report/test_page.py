@@ -5,7 +5,6 @@ Without a Chromium of the system the browser's tests are skipped.
 
 import base64
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import torch
 import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
-from playwright.sync_api import Browser, Locator, Page, sync_playwright
+from playwright.sync_api import Browser, Locator, Page
 
 from affmap.env.layout import Layout
 from affmap.env.scene import LAYERS
@@ -33,7 +32,6 @@ from affmap.results.tables import Results
 from affmap.view import view
 
 CONF = Path(__file__).parents[2] / "conf"
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 READING = "willReadFrequently"  # advice to the tests that read pictures again
 SETTINGS = ReportSettings.model_validate(yaml.safe_load((CONF / "report/default.yaml").read_text("utf-8"))).model_copy(
     update={"claims": "exp1"}
@@ -140,16 +138,6 @@ def report(results: dict[str, Results], tmp_path_factory: pytest.TempPathFactory
     told = {"name": "exp1", "title": "exp1", "command": "make exp1"}
     build.write(ExperimentReport(output, results["exp1"], SETTINGS, open_room("exp1", "exp1"), **told, notice=None))
     return output / "report.html"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
