@@ -331,6 +331,7 @@ def test_a_full_disk_under_a_report_is_named_with_its_file(
         record = (earlier.output / PROVENANCE).read_bytes()
         large = Small(earlier.output, [], "large " * 3000)
         monkeypatch.setattr("affmap.cli.report.make_report", lambda _: large)
+        monkeypatch.setattr("affmap.cli.tables.show", lambda _: None)  # it has none
         arguments = [*EXPERIMENT, *places(folder)]
         monkeypatch.setattr(Small, "draw", draw_large)
         assert in_process(monkeypatch, "affmap-report", arguments) == 1
