@@ -36,7 +36,8 @@ def check(composed: Any) -> None:
         ConfigError: a value may be another the next time, or interpolations stand for too much.
     """
     tree = _as_mappings(OmegaConf.to_container(composed))
-    texts = {place: text for place, text in _texts(tree) if ".".join(place[:3]) not in COPIES}
+    copies = {f"${{{key}}}" for key in COPIES}
+    texts = {place: text for place, text in _texts(tree) if ".".join(place[:3]) not in COPIES and text not in copies}
     for place, text in texts.items():
         if place[0] != "hydra" and not _is_constant(text):
             raise ConfigError(

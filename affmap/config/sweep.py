@@ -143,7 +143,7 @@ def expand_folder(arguments: Sequence[str]) -> list[str]:
 
 def is_folder(argument: str) -> bool:
     """Whether an argument of a command line is the folder of a sweep, and no override."""
-    return "=" not in argument and not argument.startswith("~")
+    return bool(argument.strip()) and "=" not in argument and not argument.startswith("~")
 
 
 def folders_with_notes(parent: Path = Path("runs")) -> list[Path]:

@@ -194,7 +194,7 @@ def test_a_file_of_the_current_folder_adds_to_ours_and_replaces_none(work: Path)
     mine, cem = jobs(work, "planner=mine,cem", "world=meadow")
     assert mine.planner.num_candidates == 7 != cem.planner.num_candidates and mine.control_layout.name == "meadow"
     assert "affmap/Meadow-v0" in environments() and "affmap/Fog-v0" in environments()
-    assert re.search("there are: .*mine", told(work, "planner=mien"))
+    assert re.search("did you mean mine[?] There are: .*mine", told(work, "planner=mien"))
     assert jobs(work)[0].control_layout.name == "original"
     (work / "conf/layout/original.yaml").write_text(layout.replace("radius: 0.", "radius: 0.0"))
     ending = "of the current folder has the name of a file of affmap; give it one of its own."
