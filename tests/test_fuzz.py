@@ -342,7 +342,7 @@ LINES: dict[str, list[str]] = {
     "in two jobs": ["seed=0,1"],
     "is a key of": ["experiment=exp1|planner.num_elites=3", "planner.decay=0.9", "agent=random|agent.std=1"],
     "variable of make": ["JOBS=1", "SCALE=smoke", "MODELS=reference", "ARGS="],
-    "does not exist; there are": [
+    "does not exist; ": [
         "planner=", "planner=oracle", "planner=../cem", "experiment=", "experiment=exp99", "experiment=../exp1",
         "scale=huge", "models=steal", "lookup=/etc/passwd", "hydra/launcher=nope",
     ],
