@@ -16,7 +16,9 @@ from affmap.control.settings import ControlSettings
 from affmap.gaussian import Gaussian
 from affmap.model.transition import Carry
 from affmap.planning.objective import expected_free_energy, goal_std
-from affmap.planning.planner import Generators, Objective, Planner
+from affmap.planning.planner import Generators, Objective, Planner, is_planner
+from affmap.settings import ConfigError
+from affmap.settings.messages import format_value
 
 
 class AgentState(NamedTuple):
@@ -41,7 +43,16 @@ class PlanningAgent(ABC):
     """
 
     def __init__(self, planner: Planner, settings: ControlSettings) -> None:
-        """Set the planner and the settings of control."""
+        """Set the planner and the settings of control.
+
+        Raises:
+            ConfigError: the planner is none.
+        """
+        if not is_planner(planner):
+            raise ConfigError(
+                f"planner = {format_value(planner)} is not allowed; give an object with the methods initial and plan, "
+                "such as affmap.CEMPlanner()."
+            )
         self.planner, self.settings = planner, settings
 
     @property
