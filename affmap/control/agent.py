@@ -77,7 +77,11 @@ class Agent(PlanningAgent):
         return self.stack.seeds
 
     def elsewhere(self, worlds: Sequence[VisibleLayout]) -> Agent:
-        """Copy of the agent for another world, or for B others (member-major)."""
+        """Copy of the agent for another world, or for B others (member-major).
+
+        Raises:
+            ConfigError: the worlds are no list of visible layouts, such as `[layout.map]`.
+        """
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle)
 

@@ -17,7 +17,7 @@ from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural
 from affmap.env.procedural import load as load_layout
-from affmap.settings import ConfigError
+from affmap.settings import ConfigError, Settings, read
 from affmap.settings.messages import format_value
 
 AnyLayout: TypeAlias = Layout | Procedural | Mapping[str, Any] | str
@@ -35,6 +35,38 @@ def layouts(given: AnyLayout | Sequence[AnyLayout]) -> list[Layout | Procedural]
     """
     every = given if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     return [load_layout(layout) for layout in every]
+
+
+def agent(given: Any) -> Controller:
+    """An agent: any object with the methods of a controller.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    if isinstance(given, type) or not all(callable(getattr(given, name, None)) for name in ("initial", "act")):
+        raise ConfigError(f"agent = {format_value(given)} is not allowed; give an agent, such as affmap.load('exp1').")
+    controller: Controller = given
+    return controller
+
+
+def changed(group: str, values: Mapping[str, Any], changes: Any) -> dict[str, Any]:
+    """The values of a group of the configuration with changes: some keys and values, all as settings, or a file's name.
+
+    Raises:
+        ConfigError: there is no such file, or the changes are none.
+    """
+    if changes is None:
+        return dict(values)
+    if isinstance(changes, str):
+        return dict(read(group, changes))
+    if not isinstance(changes, Mapping | Settings):
+        raise ConfigError(
+            f"{group} = {format_value(changes)} is not allowed: give some of its keys and values, such as "
+            f"{format_value(dict([*values.items()][:1]))}, its settings, or the name of a file in conf/{group}."
+        )
+    new = dict(changes)
+    same_kind = new.get("kind", values.get("kind")) == values.get("kind")
+    return {**values, **new} if same_kind else new
 
 
 def settings(controller: Controller, runs: int | None, steps: int | None) -> ControlSettings:

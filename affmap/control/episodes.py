@@ -147,14 +147,14 @@ def fly(
         threads: of PyTorch, during the flight.
 
     Raises:
-        ConfigError: there is no such file, or the agent was trained with other channels; a number is not allowed; or a
-            start or a goal is outside of the arena or in an obstacle.
+        ConfigError: it is no agent, or was trained with other channels; there is no such file; a number is not allowed;
+            or a start or a goal is outside of the arena or in an obstacle.
         ValueError: there are no threads.
 
     Warns:
         UserWarning: the vehicle is another than the agent was trained with.
     """
-    seeds = seeds_of(controller)
+    seeds = seeds_of(arguments.agent(controller))
     first, physics = first_layout(layout, seeds[0]), arguments.vehicle(controller, vehicle)
     settings = arguments.settings(controller, arguments.num_runs(runs, starts, goals), steps)
     shape = len(seeds), settings.runs_per_member

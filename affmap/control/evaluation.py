@@ -19,6 +19,7 @@ from affmap.random import generator
 from affmap.results import metrics
 from affmap.results.files import Trajectories
 from affmap.settings import ConfigError
+from affmap.settings.messages import format_value
 from affmap.threads import limited
 
 
@@ -63,7 +64,14 @@ def evaluate(
     Warns:
         UserWarning: the vehicle is another than an agent was trained with.
     """
+    if isinstance(agents, Sequence):
+        raise ConfigError(
+            f"agents = {format_value(agents)} is not allowed; give an agent, such as affmap.load('exp1'), or several "
+            "by their names, such as {'mine': affmap.load('exp1')}."
+        )
     named = agents if isinstance(agents, Mapping) else {_kind(agents): agents}
+    for agent in named.values():
+        arguments.agent(agent)
     places = arguments.layouts(layouts)
     twice = [name for name, count in Counter(place.name for place in places).items() if count > 1]
     if twice:

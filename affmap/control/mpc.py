@@ -16,7 +16,9 @@ from affmap.control.settings import ControlSettings
 from affmap.gaussian import Gaussian
 from affmap.model.transition import Carry
 from affmap.planning.objective import expected_free_energy, goal_std
-from affmap.planning.planner import Generators, Objective, Planner
+from affmap.planning.planner import Generators, Objective, Planner, is_planner
+from affmap.settings import ConfigError
+from affmap.settings.messages import format_value
 
 
 class AgentState(NamedTuple):
@@ -41,7 +43,16 @@ class PlanningAgent(ABC):
     """
 
     def __init__(self, planner: Planner, settings: ControlSettings) -> None:
-        """Set the planner and the settings of control."""
+        """Set the planner and the settings of control.
+
+        Raises:
+            ConfigError: the planner is none.
+        """
+        if not is_planner(planner):
+            raise ConfigError(
+                f"planner = {format_value(planner)} is not allowed; give an object with the methods initial and plan, "
+                "such as affmap.CEMPlanner()."
+            )
         self.planner, self.settings = planner, settings
 
     @property
@@ -78,16 +89,28 @@ class PlanningAgent(ABC):
 
         Returns:
             The decisions, and the state for the next step.
+
+        Raises:
+            ValueError: the planner's candidates or its plan have another shape or type.
         """
         objective = self.objective(observation, state.carry)
+        num_problems, dtype, name = len(observation.position), observation.position.dtype, type(self.planner).__name__
 
         def watched(actions: Tensor) -> Tensor:
+            _check(actions, f"candidates of {name}", (num_problems, "N", "H", 4), dtype)
             costs = objective(actions)
             if watch:
                 watch(actions.clone(), costs)  # planners may write their candidates again
             return costs
 
-        plan, planner_state = self.planner.plan(watched, state.planner, generators)
+        planned = self.planner.plan(watched, state.planner, generators)
+        if not (isinstance(planned, tuple) and len(planned) == 2 and hasattr(planned[0], "actions")):
+            raise ValueError(
+                f"{name}.plan returned the type {type(planned).__name__}; it should return a tuple of a Plan and the "
+                "state for the next step."
+            )
+        plan, planner_state = planned
+        _check(plan.actions, f"actions of the plan of {name}", (num_problems, "H", 4), dtype)
         with torch.no_grad():
             path = self.imagine(observation, plan.actions[:, None], state.carry)
             action = plan.actions[:, 0]
@@ -117,3 +140,23 @@ class PlanningAgent(ABC):
             settings.goal_std_near,
             settings.near_distance,
         )
+
+
+def _check(actions: Any, name: str, shape: tuple[int | str, ...], dtype: torch.dtype) -> None:
+    """Check what a planner hands over; letters of `shape` stand for any number above 0.
+
+    Raises:
+        ValueError: it is another thing, or has another shape or type.
+    """
+    if isinstance(actions, Tensor):
+        fits = len(actions.shape) == len(shape) and all(
+            there > 0 if isinstance(number, str) else there == number
+            for there, number in zip(actions.shape, shape, strict=True)
+        )
+        if fits and actions.dtype == dtype:
+            return
+        came = f"the shape {list(actions.shape)} and the type {actions.dtype}"
+    else:
+        came = f"the type {type(actions).__name__}"
+    expected = f"[{', '.join(map(str, shape))}]"
+    raise ValueError(f"the {name} have {came}; they should be a tensor {expected} of {dtype}.")

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from affmap.control import arguments
 from affmap.control.agent import seeds_of
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.episodes import bring
@@ -56,7 +57,7 @@ class Pilot:
             ConfigError: there is no such world, or the agent was trained with other channels.
             ValueError: the agent has several members, or there are no threads.
         """
-        seeds = seeds_of(agent)
+        seeds = seeds_of(arguments.agent(agent))
         if len(seeds) != 1:
             raise ValueError(f"a pilot is one member, and this agent has {list(seeds)}; load a single one.")
         self._seed, self._threads = seed, threads

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from affmap.control import saved
+import numpy as np
+
+from affmap.control import arguments, saved
 from affmap.control.agent import Agent, ControlSettings
 from affmap.control.episodes import bring
 from affmap.env.body import Vehicle
@@ -14,10 +16,11 @@ from affmap.env.procedural import first_layout
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import WEIGHTS, restore
-from affmap.planning.planner import Planner
+from affmap.planning.planner import Planner, is_planner
 from affmap.planning.registry import AnyPlanner
 from affmap.results import manifest, provenance
-from affmap.settings import ConfigError, Settings, read
+from affmap.settings import ConfigError, Settings
+from affmap.settings.messages import format_value
 from affmap.store.stage import check_file
 from affmap.threads import limited
 
@@ -27,7 +30,7 @@ def load(
     *,
     context_size: int | None = None,
     members: Sequence[int] | None = None,
-    planner: Planner | str | None = None,
+    planner: Planner | Mapping[str, Any] | str | None = None,
     layout: str | None = None,
     transition: str | None = None,
     threads: int = 1,
@@ -40,7 +43,8 @@ def load(
             folder of an agent that was saved (`Agent.save`).
         context_size: C, of those that the experiment has, by default 8; that of a saved agent.
         members: seeds of the members to load, of M; by default 0 alone of an experiment, and all of a saved agent.
-        planner: any planner; or the name of a file of `conf/planner`; by default that of the first job, or its own.
+        planner: any planner; or the name of a file of `conf/planner`; or changes of the default, such as
+            `{"num_iterations": 5}`, which is that of the first job, or a saved agent's own.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.) A saved agent can be brought into any layout.
         transition: the kind of transition model, such as `gru`, of those that the experiment has; by default the first.
@@ -51,6 +55,7 @@ def load(
             says what there is.
         StoreError: the weights are corrupted.
     """
+    members = None if members is None else _members(members)
     if saved.is_saved(Path(source)):
         with limited(threads):
             return _load_saved(Path(source), context_size, members, planner, layout, transition)
@@ -73,11 +78,27 @@ def load(
     )
 
 
+def _members(given: Any) -> tuple[int, ...]:
+    """Seeds of members.
+
+    Raises:
+        ConfigError: they are none, or one is named twice.
+    """
+    seeds: list[Any] = [*given] if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else [None]
+    if not all(isinstance(each, int | np.integer) and not isinstance(each, bool) for each in seeds):
+        raise ConfigError(
+            f"members = {format_value(given)} is not allowed; give the seeds of members, such as (0, 1, 2)."
+        )
+    if len({*seeds}) < len(seeds):
+        raise ConfigError(f"members = {format_value(given)} names a member twice; give each seed once.")
+    return tuple(int(seed) for seed in seeds)
+
+
 def _load_saved(
     folder: Path,
     context_size: int | None,
     members: Sequence[int] | None,
-    planner: Planner | str | None,
+    planner: Planner | Mapping[str, Any] | str | None,
     layout: str | None,
     transition: str | None,
 ) -> Agent:
@@ -90,7 +111,7 @@ def _load_saved(
         kind = settings.transition.kind
         raise ConfigError(f"{folder} has transition models of the kind {kind}; none is {transition!r}.")
     if planner is not None:
-        agent.planner = _planner(planner, {})
+        agent.planner = _planner(planner, dict(agent.planner) if isinstance(agent.planner, Settings) else {})
     if layout is None:
         return agent
     brought = bring(agent, first_layout(layout, agent.seeds[0]))
@@ -150,6 +171,11 @@ def _report(source: str | Path) -> Path:
     for folder in (Path(source), reference() / source):
         if "jobs" in manifest.read(folder):
             return folder
+    if source in {path.parent.name for path in Path(__file__).parents[1].glob("experiments/exp*/claims.py")}:
+        raise ConfigError(
+            f"the models of {source} are not here: an installed package has only some of {', '.join(experiments())}; "
+            "a clone of the repository has all."
+        )
     raise ConfigError(
         f"{source} is neither the folder of an experiment's report nor one of the reference run's experiments, "
         f"{', '.join(experiments())}."
@@ -200,11 +226,11 @@ def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack
     )
 
 
-def _planner(planner: Planner | str | None, default: Mapping[str, Any]) -> Planner:
-    if planner is not None and not isinstance(planner, str):
+def _planner(planner: Planner | Mapping[str, Any] | str | None, default: Mapping[str, Any]) -> Planner:
+    if is_planner(planner):
         return planner
-    values = read("planner", planner) if planner else default
-    return _Planning.checked({"planner": values}, f"conf/planner/{planner}.yaml" if planner else "the report").planner
+    origin = f"conf/planner/{planner}.yaml" if isinstance(planner, str) else "load" if planner else "the report"
+    return _Planning.checked({"planner": arguments.changed("planner", default, planner)}, origin).planner
 
 
 class _Planning(Settings):

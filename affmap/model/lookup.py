@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -23,7 +23,8 @@ from affmap.model.palette import Palette
 from affmap.model.settings import LookupSettings as LookupSettings
 from affmap.model.stack import Stack
 from affmap.model.windows import take_apart
-from affmap.settings.messages import counted
+from affmap.settings import ConfigError
+from affmap.settings.messages import counted, format_value
 from affmap.view import VisibleLayout, view, views
 
 
@@ -46,6 +47,19 @@ def make_lookup(settings: LookupSettings, stack: Stack, worlds: Sequence[Visible
     return AffordanceMap.paint(stack, worlds, settings.spacing, settings.differentiable)
 
 
+def _check_worlds(worlds: Any) -> None:
+    """Check the worlds of a look-up.
+
+    Raises:
+        ConfigError: they are no list of visible layouts, or there is none.
+    """
+    if not isinstance(worlds, Sequence) or not worlds or not all(isinstance(each, VisibleLayout) for each in worlds):
+        raise ConfigError(
+            f"worlds = {format_value(worlds)} is not allowed; give a list of the visible parts of layouts, such as "
+            "[layout.map]."
+        )
+
+
 def by_world(positions: Tensor, num_worlds: int) -> Tensor:
     """Group positions `[M, ..., 2]` of M members with the same number of worlds each: `[num_worlds, P, 2]`."""
     return positions.reshape(num_worlds, -1, 2)
@@ -64,7 +78,12 @@ class ExactLookup:
     """
 
     def __init__(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> None:
-        """Look up codes of `stack` in one world, or in B, one for each problem."""
+        """Look up codes of `stack` in one world, or in B, one for each problem.
+
+        Raises:
+            ConfigError: the worlds are no list of visible layouts.
+        """
+        _check_worlds(worlds)
         self._direct, self._codes, self.worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
 
     def __repr__(self) -> str:
@@ -136,7 +155,11 @@ class AffordanceMap:
             worlds: one world, painted for all members; or M * W, the worlds of each member's agents, member-major.
             spacing: largest distance between neighbouring nodes, u.
             differentiable: whether gradients are to flow through the map to the position.
+
+        Raises:
+            ConfigError: the worlds are no list of visible layouts.
         """
+        _check_worlds(worlds)
         if len(worlds) == 1:
             return cls(_codes_at_nodes(stack, worlds[0], spacing), worlds, differentiable, spacing)
         num_members = len(stack.seeds)

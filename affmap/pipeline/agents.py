@@ -29,7 +29,7 @@ from affmap.pipeline.stage import DATA, TRAIN
 from affmap.pipeline.train import make_models, trained
 from affmap.progress import reported, silent
 from affmap.random import generator
-from affmap.settings import ConfigError, Settings, check_folder, lies_in, read
+from affmap.settings import ConfigError, Settings, check_folder, lies_in
 from affmap.settings.messages import format_value
 from affmap.store.attempt import Attempt
 from affmap.store.stage import check
@@ -100,9 +100,9 @@ def train(
     transition_values = values["model"]["transition"]
     groups = {"data": data, "model": model, "training": training, "lookup": lookup, "planner": planner}
     for group, changes in {**groups, "control": control, "vehicle": vehicle}.items():
-        values[group] = _change(group, values[group], changes)
+        values[group] = arguments.changed(group, values[group], changes)
     of_model = values["model"].get("transition", transition_values)
-    values["model"] |= {"transition": _change("model/transition", of_model, transition)}
+    values["model"] |= {"transition": arguments.changed("model/transition", of_model, transition)}
     values["model"] |= _given(context_size=context_size)
     values["training"] |= _given(num_epochs=epochs)
     values |= _given(members=members)
@@ -113,6 +113,11 @@ def train(
         existing = Path(dataset)
         values |= datasets.origin(existing)
     else:
+        if dataset is not None and layouts is None:
+            raise ConfigError(
+                "dataset has arrays, which do not say where they were collected; give layouts, too, as in "
+                "affmap.train('original', dataset=arrays)."
+            )
         explored = _layouts(layouts, worlds, values["data"].get("seed", 0))
         values["training_layouts"] = explored
         if dataset is not None:
@@ -145,27 +150,6 @@ def _train(config: Config, dataset: Path | Arrays | None, temporary: Path) -> Pa
 
     own = replace(stage, config={**stage.config, "dataset": datasets.digest(dataset)})
     return open_store(config).ensure(own, build)
-
-
-def _change(group: str, values: dict[str, Any], changes: Any) -> dict[str, Any]:
-    """The values of a group with some changes, as `Changes` says.
-
-    Raises:
-        ConfigError: there is no such file, or the changes are none.
-    """
-    if changes is None:
-        return values
-    values = dict(values)
-    if isinstance(changes, str):
-        return dict(read(group, changes))
-    if not isinstance(changes, Mapping | Settings):
-        raise ConfigError(
-            f"{group} = {format_value(changes)} is not allowed: give some of its keys and values, such as "
-            f"{format_value(dict([*values.items()][:1]))}, its settings, or the name of a file in conf/{group}."
-        )
-    new = dict(changes)
-    same_kind = new.get("kind", values.get("kind")) == values.get("kind")
-    return {**values, **new} if same_kind else new
 
 
 def _given(**values: Any) -> dict[str, Any]:

@@ -44,6 +44,11 @@ def own(given: Mapping[str, ArrayLike], layouts: Sequence[Layout]) -> Arrays:
     Raises:
         ConfigError: one is missing, has another shape, or holds numbers that are not allowed.
     """
+    if not isinstance(given, Mapping):
+        raise ConfigError(
+            f"dataset = {format_value(given)} is not allowed; give arrays, as in affmap.data.collect, or the folder of "
+            "a data set."
+        )
     types = {"position": np.float32, "view": bool, "action": np.float32}
     if missing := [key for key in types if key not in given]:
         raise ConfigError(f"dataset has no {missing[0]}; give {', '.join(types)}, as in affmap.data.collect.")
@@ -66,6 +71,16 @@ def own(given: Mapping[str, ArrayLike], layouts: Sequence[Layout]) -> Arrays:
         )
     if not (np.isfinite(arrays["position"]).all() and ((arrays["action"] >= 0) & (arrays["action"] <= 1)).all()):
         raise ConfigError("dataset: positions should be finite, and actions in [0, 1].")
+    if not np.array_equal(np.asarray(given["view"]), arrays["view"]):  # anything else became true
+        raise ConfigError("dataset: views should be true or false, or 1 or 0.")
+    for layout, positions in zip(layouts, np.split(arrays["position"], len(layouts)), strict=True):
+        outside = ~((positions >= 0) & (positions <= layout.size)).all(-1)
+        # From inside fog, a vehicle reports positions with noise.
+        if outside.any() and not any(circle.effect == "fog" for circle in layout.circles):
+            raise ConfigError(
+                f"dataset: position {positions[outside][0].tolist()} is outside the arena {list(layout.size)} (u) of "
+                f"{layout.name!r}; give positions in u, layout by layout."
+            )
     return arrays
 
 

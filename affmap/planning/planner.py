@@ -6,7 +6,7 @@ A planner sees a callable and tensors: no models, no worlds, no goals.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 
@@ -48,6 +48,11 @@ class Planner(Protocol):
     def plan(self, objective: Objective, state: Any, generators: Generators) -> tuple[Plan, Any]:
         """Plan for B problems, starting from the last plans; returns the plans and the state for the next step."""
         ...
+
+
+def is_planner(given: Any) -> TypeGuard[Planner]:
+    """Whether an object has the methods of a planner; a class is none."""
+    return not isinstance(given, type) and all(callable(getattr(given, name, None)) for name in ("initial", "plan"))
 
 
 def evaluate(objective: Objective, actions: Tensor) -> Tensor:

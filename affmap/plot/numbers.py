@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
+from affmap.control.episodes import Runs
 from affmap.control.pretrained import reference
 from affmap.plot.canvas import canvas
 from affmap.report.drawing import losses as curves
@@ -17,8 +18,9 @@ from affmap.results.setting import CONTEXT_SIZE, FACTORS, Factor, ReportSettings
 from affmap.settings import ConfigError
 from affmap.store.files import guarded_read
 
-Table = pd.DataFrame | Path | str
-"""A table; or the folder of a report, such as `runs/exp1`, or the name of one of the reference run's, `exp1`."""
+Table = pd.DataFrame | Runs | Path | str
+"""A table; or runs of `affmap.fly`, which have one; or the folder of a report, such as `runs/exp1`; or the name of one
+of the reference run's, `exp1`."""
 
 ALL = "(all)"
 """The only group of a plot without groups, and the column that names it."""
@@ -118,6 +120,8 @@ def _grouped(table: Table, metric: str, by: str, color: str | None) -> tuple[pd.
 
 def _read(table: Table, name: str) -> pd.DataFrame:
     """A table, or that with a name of a report."""
+    if isinstance(table, Runs):
+        table = table.table
     if isinstance(table, pd.DataFrame):
         return table
     for folder in (Path(table), reference() / table):

@@ -103,6 +103,77 @@ def test_the_first_action_of_the_plan_is_executed_and_states_are_handed_on() -> 
     assert state.planner == 8 and planner.states == [(B, "cpu"), (7, streams)]
 
 
+@pytest.mark.parametrize(
+    ("candidates", "told"),
+    [
+        (
+            random_actions(B),
+            r"have the shape \[6, 3, 4\] and the type torch\.float32; they should be a tensor \[6, N, H",
+        ),
+        (random_actions(B, 5)[:-1], r"have the shape \[5, 5, 3, 4\]"),
+        (random_actions(B, 5)[..., :3], r"have the shape \[6, 5, 3, 3\]"),
+        (random_actions(B, 0), r"have the shape \[6, 0, 3, 4\]"),
+        (
+            random_actions(B, 5).double(),
+            r"have .* the type torch\.float64; they should be a tensor \[6, N, H, 4\] of torch\.float32",
+        ),
+        (random_actions(B, 5).numpy(), r"have the type ndarray; they should be a tensor"),
+    ],
+)
+def test_candidates_of_another_kind_are_told(candidates: Any, told: str) -> None:
+    """Golden parts of the sentence, by the class of the planner."""
+
+    class Asking(Fixed):
+        def plan(self, objective: Objective, state: Any, generators: Generators) -> tuple[Plan, Any]:
+            objective(candidates)
+            return super().plan(objective, state, generators)
+
+    whole, seen = stack(*SEEDS), observations()
+    agent = Agent(
+        whole, ExactLookup(whole, [WORLD]), Asking(random_actions(B)), ControlSettings.load("control", "default")
+    )
+    with pytest.raises(ValueError, match=f"^the candidates of Asking {told}"):
+        agent.act(seen, agent.initial(B), [])
+
+
+@pytest.mark.parametrize(
+    ("returned", "told"),
+    [
+        (
+            (Plan(random_actions(B, 1), torch.zeros(B)), 0),
+            r"^the actions of the plan of Own have the shape \[6, 1, 3, 4\]",
+        ),
+        (
+            (Plan(random_actions(1), torch.zeros(1)), 0),
+            r"have the shape \[1, 3, 4\] .* a tensor \[6, H, 4\] of torch\.float32",
+        ),
+        ((Plan(random_actions(B).double(), torch.zeros(B)), 0), r"the type torch\.float64; they should be"),
+        (
+            Plan(random_actions(B), torch.zeros(B)),
+            r"^Own\.plan returned the type Plan; it should return a tuple of a Plan and the state",
+        ),
+        (
+            None,
+            r"^Own\.plan returned the type NoneType; it should return a tuple of a Plan and the state for the",
+        ),
+        (random_actions(2), r"^Own\.plan returned the type Tensor"),
+    ],
+)
+def test_a_plan_of_another_kind_is_told(returned: Any, told: str) -> None:
+    """Golden parts of the sentence, by the class of the planner."""
+
+    class Own(Fixed):
+        def plan(self, objective: Objective, state: Any, generators: Generators) -> Any:
+            return returned
+
+    whole, seen = stack(*SEEDS), observations()
+    agent = Agent(
+        whole, ExactLookup(whole, [WORLD]), Own(random_actions(B)), ControlSettings.load("control", "default")
+    )
+    with pytest.raises(ValueError, match=told):
+        agent.act(seen, agent.initial(B), [])
+
+
 class Counting(MLP):
     """A recurrent model that counts the steps, and expects to move as far."""
 

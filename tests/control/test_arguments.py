@@ -118,6 +118,23 @@ def test_a_mistake_is_told(agent: Agent, arguments: dict[str, Any], told: str) -
         affmap.fly(agent, LAYOUT, **arguments)
 
 
+@pytest.mark.parametrize("given", ["exp1", 3, None, Agent])
+def test_something_else_than_an_agent_is_told(given: Any) -> None:
+    for use in (lambda: affmap.fly(given, LAYOUT), lambda: affmap.Pilot(given, LAYOUT)):
+        with pytest.raises(
+            ConfigError, match=r"^agent = .* is not allowed; give an agent, such as affmap\.load\('exp1'\)"
+        ):
+            use()
+
+
+@pytest.mark.parametrize("given", ["cem", {"kind": "cem"}, 3, None, affmap.CEMPlanner])
+def test_something_else_than_a_planner_is_told(agent: Agent, given: Any) -> None:
+    with pytest.raises(
+        ConfigError, match=r"^planner = .* is not allowed; .* initial and plan, such as affmap\.CEMPlanner"
+    ):
+        Agent(agent.stack, agent.lookup, given, agent.settings)
+
+
 def end(vehicle: affmap.Vehicle, flown: dict[str, np.ndarray]) -> np.ndarray:
     """The last positions of recorded actions, flown anew in environments with a vehicle."""
     ends = []

@@ -94,6 +94,16 @@ def test_random_worlds_are_those_of_a_sweep(tmp_path: Path) -> None:
         (({}, "original"), r"^evaluate needs an agent and a layout, as in affmap\.evaluate\(agent, 'original'\)\.$"),
         ((RANDOM, []), r"^evaluate needs an agent and a layout"),
         ((RANDOM, ["original", "original"]), r"^two layouts have the name 'original'; give each a name of its own\.$"),
+        (
+            ([RANDOM], "original"),
+            r"^agents = \[.*\] is not allowed; give an agent, .*, or several by their names, such as",
+        ),
+        (
+            ("exp1", "original"),
+            r"^agents = 'exp1' is not allowed; give an agent, such as affmap\.load\('exp1'\), or sev",
+        ),
+        ((3, "original"), r"^agent = 3 is not allowed; give an agent, such as affmap\.load\('exp1'\)\.$"),
+        (({"mine": "exp1"}, "original"), r"^agent = 'exp1' is not allowed; give an agent"),
         ((RANDOM, "mars"), r"conf/layout/mars\.yaml does not exist"),
     ],
 )

@@ -49,6 +49,8 @@ def test_a_planner_can_be_named_or_given() -> None:
     assert affmap.load("exp1", planner="gradient").planner == affmap.GradientPlanner.load("planner", "gradient")
     own = affmap.CEMPlanner.load("planner", "cem", horizon=7)
     assert affmap.load("exp1", planner=own).planner is own
+    few = affmap.load("exp1", planner={"num_iterations": 3}).planner
+    assert isinstance(few, CEMPlanner) and few == affmap.CEMPlanner.load("planner", "cem", num_iterations=3)
 
 
 def test_in_random_worlds_it_is_in_the_first_that_its_member_flew_in() -> None:
@@ -85,6 +87,10 @@ def test_what_comes_with_the_package_can_be_flown(tmp_path: Path, monkeypatch: p
             affmap.load(name, context_size=size)
     with pytest.raises(ConfigError, match=r"has models of the context sizes \[0, 8\], and none of 3"):
         affmap.load("exp4", context_size=3)
+    with pytest.raises(
+        ConfigError, match=r"models of exp3 are not here: .* exp1, exp2, exp4, exp5; a clone .* has all\.$"
+    ):
+        affmap.load("exp3")
 
 
 SWEEP = ["members=1", "vehicle.thrust=0.7", "vehicle.radius=0.05"]
@@ -124,7 +130,14 @@ def test_a_mistake_is_told(ran: Path) -> None:
         ({"source": ran / "output", "context_size": 1, "members": (0, 1)}, r"members = \[0, 1\] .* one job only"),
         ({"source": "exp1", "members": (25,)}, r"members = \[25\] is not allowed"),
         ({"source": "exp1", "members": ()}, r"members = \[\] is not allowed"),
+        ({"source": "exp1", "members": 3}, r"^members = 3 is not allowed; give the seeds .* such as \(0, 1, 2\)\.$"),
+        ({"source": "exp1", "members": "all"}, r"^members = 'all' is not allowed; give the seeds"),
+        ({"source": "exp1", "members": (0.5,)}, r"^members = \(0\.5,\) is not allowed; give the seeds"),
+        ({"source": "exp1", "members": (1, 1)}, r"^members = \(1, 1\) names a member twice; give each seed once\.$"),
         ({"source": "exp1", "planner": "pid"}, "conf/planner holds: cem, gradient"),
+        ({"source": "exp1", "planner": 3}, r"^planner = 3 is not allowed: give some of its keys and values, such as"),
+        ({"source": "exp1", "planner": CEMPlanner}, r"^planner = <class '.*CEMPlanner'> is not allowed: give some"),
+        ({"source": "exp1", "planner": {"iterations": 3}}, r"^load: planner\.iterations = 3 is not a known key"),
     ):
         with pytest.raises(ConfigError, match=told):
             affmap.load(**arguments)

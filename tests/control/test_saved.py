@@ -67,6 +67,8 @@ def test_some_members_another_planner_another_world(tmp_path: Path) -> None:
     """Of the saved ones; flights of a member are those of it together with others, to rounding."""
     agent = make()
     agent.save(tmp_path / "mine")
+    loaded = affmap.load(tmp_path / "mine", members=[7], planner={"horizon": 2})
+    assert loaded.planner == agent.planner.model_copy(update={"horizon": 2})
     loaded = affmap.load(tmp_path / "mine", members=[7], planner="gradient")
     assert loaded.seeds == (7,) and loaded.planner == affmap.GradientPlanner.load("planner", "gradient")
     agent.elsewhere([LAYOUT.model_copy(update={"circles": LAYOUT.circles[:1]}).map]).save(tmp_path / "mine")

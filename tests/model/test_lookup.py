@@ -1,6 +1,7 @@
 """Look-ups against each other, `grid_sample`, finite differences, and each member alone."""
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -12,6 +13,7 @@ from affmap.env.layout import Layout
 from affmap.model.lookup import AffordanceMap, ExactLookup, Lookup, LookupSettings, inside, lookup_error, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.windows import take_apart
+from affmap.settings import ConfigError
 from affmap.view import VisibleLayout, view
 
 WORLD = Layout.load("layout", "original").map
@@ -227,6 +229,24 @@ def test_problems_in_worlds_of_their_own_are_each_alone(settings: LookupSettings
 def test_without_a_context_codes_are_empty(settings: LookupSettings) -> None:
     lookup = make_lookup(settings, stack(4, 5, context_size=0), [WORLD])
     assert lookup(places(2, 3, 4)).shape == (2, 3, 4, 0)
+
+
+LAYOUT = Layout.load("layout", "original")
+
+
+@pytest.mark.parametrize("worlds", ["fog", ["fog"], LAYOUT, [LAYOUT], WORLD, [], 3])
+def test_what_are_no_worlds_is_told(worlds: Any) -> None:
+    one = stack(4)
+    uses: list[Callable[[], Any]] = [
+        lambda: AffordanceMap.paint(one, worlds, 0.5),
+        lambda: ExactLookup(one, worlds),
+        lambda: AffordanceMap.paint(one, [WORLD], 0.5).elsewhere(one, worlds),
+    ]
+    for use in uses:
+        with pytest.raises(
+            ConfigError, match=r"^worlds = .* is not allowed; give a list .*, such as \[layout\.map\]\.$"
+        ):
+            use()
 
 
 def test_make_lookup_makes_what_is_named() -> None:

@@ -18,7 +18,7 @@ from affmap.config.root import Config
 from affmap.control.agent import Agent
 from affmap.data.collect import DATASET, read_dataset
 from affmap.env.procedural import Procedural
-from affmap.pipeline import agents, execution
+from affmap.pipeline import agents, datasets, execution
 from affmap.pipeline.stage import DATA, TRAIN
 from affmap.random import generator
 from affmap.results.setting import Setting
@@ -162,6 +162,12 @@ ARRAYS = {"position": np.zeros((4, 6, 2)), "view": np.zeros((4, 5, 1, 11, 11)), 
         ({"action": [[1], [1, 2]]}, r"^dataset holds no numbers"),
         ({"action": np.full((4, 5, 4), 2.0)}, r"^dataset: positions should be finite, and actions in \[0, 1\]\.$"),
         ({"position": np.full((4, 6, 2), np.nan)}, r"^dataset: positions should be finite"),
+        ({"view": np.full((4, 5, 1, 11, 11), 0.5)}, r"^dataset: views should be true or false, or 1 or 0\.$"),
+        ({"view": np.full((4, 5, 1, 11, 11), np.nan)}, r"^dataset: views should be true or false"),
+        (
+            {"position": np.concatenate([np.zeros((2, 6, 2)), np.full((2, 6, 2), 2.5)])},
+            r"^dataset: position \[2\.5, 2\.5\] is outside the arena \[3\.0, 2\.0\] \(u\) of 'two_obstacles'; give",
+        ),
         (
             {key: array[:3] for key, array in ARRAYS.items()},
             r"3 sequences of 5 steps in 2 layouts; give each .* as many",
@@ -174,6 +180,21 @@ def test_arrays_that_are_no_data_set_are_told(change: dict[str, Any], told: str)
         affmap.train(["original", "two_obstacles"], dataset=given)
     with pytest.raises(ConfigError, match=r"num_validation = 40 leaves nothing to train on"):
         affmap.train(["original", "two_obstacles"], dataset=ARRAYS)
+
+
+def test_what_is_no_data_set_or_lacks_its_layouts_is_told() -> None:
+    """Positions that are reported from inside fog may lie outside the arena."""
+    with pytest.raises(
+        ConfigError, match=r"^dataset = 3 is not allowed; give arrays, .* or the folder of a data set\.$"
+    ):
+        affmap.train("original", dataset=3)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"^dataset has arrays, which do not say where .*; give layouts, too, as in"):
+        affmap.train(dataset=ARRAYS)
+    fog = affmap.Layout.load("layout", "fog")
+    noisy = {**ARRAYS, "view": np.zeros((4, 5, len(fog.channels), 11, 11)), "position": np.full((4, 6, 2), -0.1)}
+    assert (datasets.own(noisy, [fog])["position"] < 0).all()
+    with pytest.raises(ConfigError, match=r"^dataset: position \[-0\.1.* is outside the arena"):
+        datasets.own({**noisy, "view": ARRAYS["view"]}, [affmap.Layout.load("layout", "original")])
 
 
 class AskedError(Exception):

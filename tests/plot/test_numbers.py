@@ -139,6 +139,23 @@ def test_bars_are_shares_of_members() -> None:
     assert len(low) == 4 and (low < 0.4).all() and (high > 0.4).all()
 
 
+def test_each_member_may_have_a_bar_of_its_own() -> None:
+    """By hand: the odd members have arrived, in all of their runs."""
+    ax = affmap.plot.bars(make_runs(), "reached", by="member", ax=axes())
+    assert [bar.get_height() for bar in ax.patches][:5] == [0, 1, 0, 1, 0]
+    ax = affmap.plot.bars(make_runs(), "reached", by="agent", color="member", ax=axes())
+    assert sum(bar.get_height() for bar in ax.patches) == 4
+
+
+def test_runs_are_drawn_as_their_table() -> None:
+    """Medians of the table of a flight."""
+    runs = affmap.fly(affmap.load("exp1", context_size=1, members=(0, 3)), "original", runs=3, steps=2)
+    expected = runs.table.groupby("member")["mean_distance"].median().tolist()
+    assert medians(affmap.plot.boxes(runs, "mean_distance", by="member", ax=axes())) == pytest.approx(expected)
+    with pytest.raises(ConfigError, match="no column 'context_size'; it has member, run"):
+        affmap.plot.boxes(runs, "mean_distance")
+
+
 def test_wrong_tables_are_told_in_a_sentence() -> None:
     runs = make_runs()
     for wrong, message in (

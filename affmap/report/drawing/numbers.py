@@ -99,7 +99,7 @@ def bars(
             deviations over members, which end at 0 and 1, as shares do.
     """
     mark(ax, paper)
-    keys = [groups.column, groups.x.column, "member"]
+    keys = [*dict.fromkeys([groups.column, groups.x.column, "member"])]
     members = runs.astype({metric: float}).groupby(keys, sort=False)[metric].mean().reset_index()
     sns.barplot(
         x=groups.x_of(members),
