@@ -65,6 +65,14 @@ def test_public_names_are_those_listed_and_can_be_discovered(package: ModuleType
     assert set(package.__all__) <= set(everything)
 
 
+def test_names_that_help_gives_are_there_after_the_package_is_imported() -> None:
+    """In a process of its own, where nothing else has imported their modules."""
+    names = "affmap.data.collect.collect, affmap.results.METRICS"
+    help_texts = f"{inspect.getdoc(affmap.train)} {inspect.getdoc(affmap.plot.boxes)}"
+    assert [name for name in names.split(", ") if f"`{name}`" not in help_texts] == []
+    subprocess.run([sys.executable, "-W", "ignore", "-c", f"import affmap; {names}"], check=True)
+
+
 def test_the_version_is_that_of_the_project() -> None:
     """The installed package's metadata, and the file that it was installed from."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
