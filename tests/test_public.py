@@ -267,6 +267,20 @@ def test_other_numbers_on_speed_are_those_measured() -> None:
     assert f"each have {team[1, 2] / team[2, 1]:.1f} times the throughput" in speed
 
 
+def test_time_and_memory_are_those_of_the_published_reports() -> None:
+    """The sums of the whole report, and the sentences of two experiments' own."""
+    names = ("paper", "exp1", "exp5")
+    reports = {name: (ROOT / f"runs/reference/{name}/report.md").read_text("utf-8") for name in names}
+    together, five = (
+        float(re.findall(rf"^\| {row}.* (\d+\.\d) \|$", reports["paper"], re.MULTILINE)[0])
+        for row in ("All ", "Experiment V:")
+    )
+    one, largest = (re.findall(r"the largest process used (\d+ MiB)", reports[name])[0] for name in ("exp1", "exp5"))
+    said = page("docs/install.md")
+    assert f"took {together:.0f} minutes, summed over processes; {five:.0f} of them are Experiment V's" in said
+    assert f"of Experiment I used {one} of memory, and that of Experiment V {largest}." in said
+
+
 def explanations() -> str:
     """What the reports say of the published run."""
     texts = [path.read_text("utf-8") for path in sorted((ROOT / "affmap/experiments").glob("*/*.md"))]
