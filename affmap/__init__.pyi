@@ -4,6 +4,7 @@ from . import env as env
 from . import model as model
 from . import planning as planning
 from . import plot as plot
+from . import results as results
 from . import settings as settings
 from . import training as training
 from .control.agent import Agent as Agent

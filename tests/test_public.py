@@ -65,6 +65,14 @@ def test_public_names_are_those_listed_and_can_be_discovered(package: ModuleType
     assert set(package.__all__) <= set(everything)
 
 
+def test_names_that_help_gives_are_there_after_the_package_is_imported() -> None:
+    """In a process of its own, where nothing else has imported their modules."""
+    names = "affmap.data.collect.collect, affmap.results.METRICS"
+    help_texts = f"{inspect.getdoc(affmap.train)} {inspect.getdoc(affmap.plot.boxes)}"
+    assert [name for name in names.split(", ") if f"`{name}`" not in help_texts] == []
+    subprocess.run([sys.executable, "-W", "ignore", "-c", f"import affmap; {names}"], check=True)
+
+
 def test_the_version_is_that_of_the_project() -> None:
     """The installed package's metadata, and the file that it was installed from."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -257,6 +265,20 @@ def test_other_numbers_on_speed_are_those_measured() -> None:
     assert f"takes {others:.0%} of a step of control (100 agents), planning {planning:.0%}".replace("%", " %") in speed
     team = growth[growth["varied"] == "threads and processes"].set_index(["processes", "threads"])["milliseconds"]
     assert f"each have {team[1, 2] / team[2, 1]:.1f} times the throughput" in speed
+
+
+def test_time_and_memory_are_those_of_the_published_reports() -> None:
+    """The sums of the whole report, and the sentences of two experiments' own."""
+    names = ("paper", "exp1", "exp5")
+    reports = {name: (ROOT / f"runs/reference/{name}/report.md").read_text("utf-8") for name in names}
+    together, five = (
+        float(re.findall(rf"^\| {row}.* (\d+\.\d) \|$", reports["paper"], re.MULTILINE)[0])
+        for row in ("All ", "Experiment V:")
+    )
+    one, largest = (re.findall(r"the largest process used (\d+ MiB)", reports[name])[0] for name in ("exp1", "exp5"))
+    said = page("docs/install.md")
+    assert f"took {together:.0f} minutes, summed over processes; {five:.0f} of them are Experiment V's" in said
+    assert f"of Experiment I used {one} of memory, and that of Experiment V {largest}." in said
 
 
 def explanations() -> str:

@@ -78,7 +78,8 @@ def settings(controller: Controller, runs: int | None, steps: int | None) -> Con
     own = controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
     given = {"runs_per_member": runs, "num_steps": steps}
     changes = {key: value for key, value in given.items() if value is not None}
-    return ControlSettings.checked({**dict(own), **changes}, "flight")
+    values = {key: getattr(own, key) for key in ControlSettings.model_fields}  # all of them, the device, too
+    return ControlSettings.checked(values | changes, "flight")
 
 
 def vehicle(controller: Controller, given: AnyVehicle | None = None) -> Vehicle:

@@ -1,16 +1,6 @@
 """Exploration -> data set: fly at random, record sensors and actions.
 
 Knows the environment; knows no models.
-
-Arrays of a data set (S sequences, layout by layout; T steps; lengths in u):
-
-| array | shape | meaning |
-|---|---|---|
-| position | [S, T + 1, 2] | reported positions |
-| true_position | [S, T + 1, 2] | true positions |
-| view | [S, T, K, 11, 11] bool | view before each step |
-| action | [S, T, 4] | throttles of each step |
-| touching | [S, T] bool | an obstacle or a border is touched after the step |
 """
 
 from collections.abc import Callable, Sequence
@@ -36,10 +26,18 @@ def collect(
     exploration: Exploration,
     on_sequence: Callable[[int], None] = lambda sequence: None,
 ) -> dict[str, np.ndarray]:
-    """Explore layouts at random (Appendix A); arrays as in the table above.
+    """Explore layouts at random (Appendix A): the arrays of a data set.
 
     Every sequence starts at rest at a free place drawn uniformly, and has random streams of its own. `on_sequence`
-    is called with the number of each finished sequence.
+    is called with the number of each finished sequence. S sequences, layout by layout; T steps; lengths in u:
+
+    | array | shape | meaning |
+    |---|---|---|
+    | `position` | `[S, T + 1, 2]` | reported positions |
+    | `true_position` | `[S, T + 1, 2]` | true positions |
+    | `view` | `[S, T, K, 11, 11]` bool | view before each step |
+    | `action` | `[S, T, 4]` | throttles of each step, in [0, 1] |
+    | `touching` | `[S, T]` bool | an obstacle or a border is touched after the step |
     """
     envs = [VehicleEnv(layout, vehicle, views=False) for layout in layouts for _ in range(exploration.num_sequences)]
     sequences = []

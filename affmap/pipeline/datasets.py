@@ -51,11 +51,13 @@ def own(given: Mapping[str, ArrayLike], layouts: Sequence[Layout]) -> Arrays:
         )
     types = {"position": np.float32, "view": bool, "action": np.float32}
     if missing := [key for key in types if key not in given]:
-        raise ConfigError(f"dataset has no {missing[0]}; give {', '.join(types)}, as in affmap.data.collect.")
+        raise ConfigError(f"dataset has no {missing[0]}; give {', '.join(types)}, as in affmap.data.collect.collect.")
     try:
         arrays: Arrays = {key: np.asarray(given[key]).astype(kind) for key, kind in types.items()}
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"dataset holds no numbers ({error}); give arrays, as in affmap.data.collect.") from None
+        raise ConfigError(
+            f"dataset holds no numbers ({error}); give arrays, as in affmap.data.collect.collect."
+        ) from None
     sequences, steps = (*arrays["action"].shape, 0, 0)[:2]
     shapes = {
         "position": (sequences, steps + 1, 2),

@@ -32,6 +32,7 @@ PLACES = {
     r"docs/(.+?)": r"\1",
     r"notebooks/(\w+)\.ipynb": r"notebooks/\1.md",
     r"runs/reference/(\w+)/report\.md": r"experiments/\1.md",
+    r"runs/reference/paper/tables/claims\.md": r"results.md",
     r"runs/reference/(.+?)": r"reference/\1",
 }
 """Links of the README -> where the site has the same."""

@@ -44,6 +44,13 @@ def test_steps_and_runs_are_those_asked_for(agent: Agent) -> None:
     assert agent.settings.num_steps == 200
 
 
+def test_an_agent_whose_settings_were_read_flies_the_same(agent: Agent) -> None:
+    """Plain values are kept with the settings, and are none of their keys."""
+    before = affmap.fly(agent, LAYOUT, steps=1)
+    assert agent.settings.plain["beta"] == 1
+    assert same(affmap.fly(agent, LAYOUT, steps=1), before)
+
+
 def test_without_arguments_it_is_the_flight_of_control(agent: Agent) -> None:
     """The runs of reports, bit for bit; and seed 0 gives the same."""
     settings = agent.settings.model_copy(update={"num_steps": T})

@@ -1,7 +1,9 @@
 """Exploration: reproducible bit by bit, one stream a sequence, and what is recorded is what was seen."""
 
+import inspect
 import io
 import math
+import re
 import zipfile
 from itertools import combinations
 
@@ -38,7 +40,7 @@ def explored() -> Arrays:
 
 
 def test_shapes_and_types(explored: Arrays) -> None:
-    """The table at the top of the module."""
+    """Those that the function's help lists."""
     assert {key: (array.shape, array.dtype.name) for key, array in explored.items()} == {
         "position": ((4, 31, 2), "float32"),
         "true_position": ((4, 31, 2), "float32"),
@@ -46,6 +48,7 @@ def test_shapes_and_types(explored: Arrays) -> None:
         "action": ((4, 30, 4), "float32"),
         "touching": ((4, 30), "bool"),
     }
+    assert sorted(re.findall(r"\| `(\w+)` \|", inspect.getdoc(collect) or "")) == sorted(explored)
 
 
 @pytest.mark.parametrize("layout", [LAYOUT, fog()], ids=["original", "fog"])

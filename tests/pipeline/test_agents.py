@@ -155,7 +155,10 @@ ARRAYS = {"position": np.zeros((4, 6, 2)), "view": np.zeros((4, 5, 1, 11, 11)), 
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"action": None}, r"^dataset has no action; give position, view, action, as in affmap\.data\.collect\.$"),
+        (
+            {"action": None},
+            r"^dataset has no action; give position, view, action, .* affmap\.data\.collect\.collect\.$",
+        ),
         ({"position": np.zeros((4, 5, 2))}, r"position has the shape \[4, 5, 2\]; it should be \[4, 6, 2\]\.$"),
         ({"view": np.zeros((4, 5, 2, 11, 11))}, r"view has the shape .* it should be \[4, 5, 1, 11, 11\]\.$"),
         ({"action": 0}, r"action has the shape \[\]|position has the shape"),
