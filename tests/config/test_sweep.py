@@ -136,7 +136,7 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
         *(
             (
                 [f"{key}=fog"],
-                f"{key} is not a known key; choose a layout by world=fog, for all that names no other, or by "
+                "layout is not a known key; choose a layout by world=fog, for all that names no other, or by "
                 "training_layouts=[fog], control_layout=fog or map_layout=fog.",
             )
             for key in ("layout", "layout.name")
