@@ -7,6 +7,11 @@ MODELS ?= train
 JOBS ?=
 ARGS ?=
 
+# A misspelt variable would be ignored, and a run of minutes become one of hours.
+VARIABLES := SCALE MODELS JOBS ARGS VENV PYTHON
+$(foreach _each,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $(_each)))),$(if $(filter-out SHELL $(VARIABLES),$(_each)),\
+$(error $(_each) is not a variable of this Makefile; there are: $(VARIABLES). Keys of the configuration go into ARGS, as in ARGS='members=2'))))
+
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 TOOLS := $(VENV)/.ready-tools

@@ -285,6 +285,18 @@ def test_commands_for_systems_without_make_are_those_of_make(
         assert re.findall(r"`(.+?)`", commands) == calls(tmp_path), line
 
 
+@pytest.mark.parametrize("line", ["scale=smoke", "SCAL=smoke", "members=2"])
+def test_an_unknown_variable_stops_make_before_anything_runs(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path, line: str
+) -> None:
+    """The sentence names all that there are: those that the Makefile gives a value unless the user does."""
+    result = make("exp1", "ARGS=seed=3 threads=2", line)
+    assert result.returncode == 2 and not (tmp_path / "calls").exists()
+    there_are = re.search(r"(\w+) is not a variable of this Makefile; there are: (.*?)\.", result.stderr)
+    assert there_are and there_are[1] == line.partition("=")[0]
+    assert sorted(there_are[2].split()) == sorted(re.findall(r"^([A-Z]+) \?=", MAKEFILE, re.MULTILINE))
+
+
 def test_tests_that_run_targets_are_there() -> None:
     """The files of the table, and the targets of `.ci/run`."""
     assert {"make check", "make test"} <= {*text(".ci/run").splitlines()}

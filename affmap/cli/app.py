@@ -19,7 +19,7 @@ from affmap.config import sweep
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import MachineError, check_members, check_report
-from affmap.settings.messages import ConfigError, nearest, printable
+from affmap.settings.messages import ConfigError, nearest, one_line, printable
 from affmap.store.files import FULL_DISK, locked
 from affmap.store.stage import StoreError
 
@@ -171,6 +171,9 @@ def _overrides(known: Collection[str]) -> list[str]:
         near = nearest(unknown[0], [*known, "--help"])
         remedy = f"did you mean {near}?" if near else "give Hydra overrides, such as experiment=exp1."
         raise ConfigError(f"{unknown[0]} is not known here; {remedy}")
+    for before, argument, after in zip(["", *sys.argv[1:]], sys.argv[1:], [*sys.argv[2:], ""], strict=False):
+        if argument == "=" and before and after:
+            raise ConfigError(f"an override has no blanks around its =; write {one_line(f'{before}={after}')}.")
     return [argument for argument in sys.argv[1:] if argument not in (*MULTIRUN, *known)]
 
 

@@ -111,10 +111,13 @@ def _report(arguments: list[str]) -> None:
         report = make_report(jobs)
         manifest.check_output(output, () if isinstance(jobs, Search) else all_stages(jobs))
         page = build.write(report)
-    if page.suffix == ".md":
-        print(f"{printable(page.read_text('utf-8'))}\nThe table is {page}")
+    notice = f"{printable(report.notice)}\n" if report.notice else ""
+    if page.suffix == ".md":  # the notice is its heading
+        print(f"{printable(page.read_text('utf-8'))}\n{notice}The table is {page}")
     else:
+        print(notice, end="")
         tables.show(output / "tables")
+        print(notice, end="")
         print(f"The report is {page}; open {page.with_suffix('.html')} for the interactive version.")
 
 

@@ -78,7 +78,8 @@ def _run(arguments: list[str]) -> None:
     jobs = read_jobs(overrides)
     if isinstance(jobs, Search):
         _run_search(jobs)
-    elif _run_sweep(jobs):
+    else:
+        _run_sweep(jobs)
         print(_next(jobs.first))
 
 
@@ -117,8 +118,8 @@ def _run_other_search(search: OtherSearch) -> None:
     print(f"{search.config.name}: the search is complete; {search.folder} holds what {search.sweeper} has found.")
 
 
-def _run_sweep(jobs: Sweep) -> bool:
-    """Run the incomplete jobs of a sweep and of those that belong to it; returns whether there were any.
+def _run_sweep(jobs: Sweep) -> None:
+    """Run the incomplete jobs of a sweep and of those that belong to it.
 
     Raises:
         SweepError: some are still incomplete afterwards.
@@ -130,7 +131,8 @@ def _run_sweep(jobs: Sweep) -> bool:
     if complete == count:
         for config in jobs.configs:
             find(config)  # verifies every file
-        return _run_companions(jobs)
+        _run_companions(jobs)
+        return
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
@@ -145,14 +147,13 @@ def _run_sweep(jobs: Sweep) -> bool:
             # A killed worker takes the others with it, whose jobs are not to blame.
             complete = now
             problem = _launch(arguments)
-    failed = status.failures(status.jobs(jobs, check=True))
+    failed = status.failures(status.jobs(jobs, check=True), first.output)
     if problem or failed:
         lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
         more = f"All logs are in {first.output / 'jobs'}; run the same command again to resume."
         raise SweepError("\n".join([*lines, more]))
     _run_companions(jobs)
     print(f"{first.name}: all {count} settings are complete.")
-    return True
 
 
 @contextmanager
@@ -180,10 +181,10 @@ def _next(config: Config) -> str:
     return f"affmap-report {shlex.quote(str(config.output))} shows and draws the results."
 
 
-def _run_companions(jobs: Sweep) -> bool:
-    """Run the sweeps that belong to a sweep, after it, because they share its models; returns as `_run_sweep` does."""
-    have_run = [_run_sweep(companion) for companion in jobs.companions()]
-    return any(have_run)
+def _run_companions(jobs: Sweep) -> None:
+    """Run the sweeps that belong to a sweep, after it, because they share its models."""
+    for companion in jobs.companions():
+        _run_sweep(companion)
 
 
 def _launch(arguments: list[str]) -> list[str]:

@@ -79,7 +79,8 @@ def _show(line: list[str], out: Console, outputs: set[Path]) -> None:
         is_shared |= any(len(parts) < len(job.parts) for job, parts in zip(jobs, own, strict=True))
         out.print(f"{part.first.title} ({part.first.output}): {summary(jobs, own)}")
         out.print(table(jobs, own))
-        for failure in status.failures(job for job in jobs if job.state in ("failed", "corrupted", "unknown")):
+        problems = [job for job in jobs if job.state in ("failed", "corrupted", "unknown")]
+        for failure in status.failures(problems, part.first.output):
             out.print(printable(failure))
     if is_shared:
         out.print(SHARED)

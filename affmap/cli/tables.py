@@ -12,7 +12,7 @@ from rich.text import Text
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, interval, number, p_value
 from affmap.results.setting import CONTEXT_SIZE
-from affmap.results.statistics import Verdict
+from affmap.results.statistics import MIN_MEMBERS, Verdict
 from affmap.settings.messages import printable
 
 COLORS = {
@@ -34,7 +34,10 @@ def show(folder: Path) -> None:
     out.print(medians(pd.read_csv(folder / "medians.csv")))
     path = folder / "claims.csv"
     if path.is_file():
-        out.print(claims(pd.read_csv(path)))
+        table = pd.read_csv(path)
+        out.print(claims(table))
+        if (few := table["members"].between(1, MIN_MEMBERS - 1)).any():
+            out.print(f"Tests need at least {MIN_MEMBERS} members; here are {table.loc[few, 'members'].max()}.")
 
 
 def claims(table: pd.DataFrame) -> Table:

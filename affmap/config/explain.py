@@ -10,6 +10,7 @@ from hydra.errors import OverrideParseException
 from omegaconf import OmegaConf
 
 from affmap.results.provenance import leaves
+from affmap.results.setting import short_name
 from affmap.settings import ConfigError, folders, missing, names, read, requirements
 from affmap.settings.messages import alternatives, format_value, nearest, one_line, shorten
 
@@ -56,8 +57,9 @@ def _explain(error: Exception) -> str:
     if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
         path, group, options = choice.groups()
         name = path.removeprefix(f"{group}/")
-        end = alternatives(name, [*options.split(), *_nested(group)])
-        return f"{group} = {format_value(name)} does not exist; {end}"
+        every = [*options.split(), *_nested(group)]
+        meant = next((each for each in every if short_name(each).lower() == name.lower()), name)  # as in reports
+        return f"{group} = {format_value(name)} does not exist; {alternatives(meant, every)}"
     if present := re.search(r"An item is already at '(.+?)'", text):
         return f"{one_line(present[1])} is a key already; leave out the +."
     if twice := re.search(r'found duplicate key (.+)\n *in "(.+)", line (\d+)', text):
@@ -104,6 +106,8 @@ def _explain_key(key: str, node: Any = None) -> str:
             f"{key} is a variable of make, as in make exp1 {key}=...; affmap takes overrides such as scale=smoke, "
             "models=reference or hydra.launcher.n_jobs=1 instead."
         )
+    if re.split(r"[./]", key)[0] == "layout":
+        return f"{key} is not a known key; {_choose_layout()}"
     if options := _options_with(key):
         return (
             f"{key} is a key of {' and '.join(options)} only, and not every job here has that; say {options[0]}, or "
@@ -111,6 +115,14 @@ def _explain_key(key: str, node: Any = None) -> str:
         )
     near = _nearest_key(key, node)
     return f"{key} is not a known key; {f'did you mean {near}?' if near else 'correct its spelling.'}"
+
+
+def _choose_layout() -> str:
+    """The keys that name a file of `conf/layout`, which is no group: `world` and those that follow it."""
+    name = names("layout")[0]
+    follow = {"${world}": f"={name}", "['${world}']": f"=[{name}]"}
+    *keys, last = [f"{key}{follow[str(value)]}" for key, value in read(".", "config").items() if str(value) in follow]
+    return f"choose a layout by world={name}, for all that names no other, or by {', '.join(keys)} or {last}."
 
 
 def _nearest_key(key: str, node: Any) -> str | None:
@@ -124,7 +136,7 @@ def _nearest_key(key: str, node: Any) -> str | None:
         return None
     tree: Any = OmegaConf.to_container(node)
     every = {each.rpartition(".")[2]: each for each in leaves(tree) if "_logging." not in each}
-    near = nearest(key, _groups()) or nearest(key, every)
+    near = nearest(key, groups()) or nearest(key, every)
     return every.get(near, near) if near else None
 
 
@@ -141,12 +153,12 @@ def _options_with(key: str) -> list[str]:
 
 def _nested(group: str) -> list[str]:
     """Options of a group that Hydra's list leaves out: files in its folders, but for those that are groups."""
-    groups = _groups()
+    known = groups()
     paths = [path.relative_to(each) for each in folders() for path in sorted(each.glob(f"{group}/*/**/*.yaml"))]
-    return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in groups]
+    return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in known]
 
 
-def _groups() -> set[str]:
+def groups() -> set[str]:
     """The groups of which a configuration chooses files."""
     entries = [entry for entry in read(".", "config")["defaults"] if isinstance(entry, dict)]
     return {key.removeprefix("override ") for entry in entries for key in entry}

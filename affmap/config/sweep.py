@@ -14,12 +14,12 @@ from hydra.core.override_parser.types import Override, RangeSweep
 from pydantic import TypeAdapter
 
 from affmap.config.compose import compose, parse, values
-from affmap.config.explain import hydra_errors
+from affmap.config.explain import groups, hydra_errors
 from affmap.config.interpolations import refers_to_keys_only
 from affmap.config.jobs import Checker, expand
 from affmap.config.root import Config
 from affmap.control.registry import is_learned
-from affmap.settings import ConfigError
+from affmap.settings import ConfigError, names
 from affmap.settings.messages import format_value, nearest, one_line
 from affmap.store.files import read_json, write_json
 from affmap.store.provenance import has_valid_checksum, with_checksum
@@ -35,6 +35,9 @@ NOTE = "jobs/sweep.json"
 
 LARGEST_NOTE = 30_000
 """Most bytes of such a file; one of a thousand values has 5,000."""
+
+MOST_FOLDERS = 5
+"""Most folders of sweeps that a message lists; further ones are only counted."""
 
 SEARCH_KEYS = ("hydra/sweeper", "hydra.sweep.dir")
 """Keys of Hydra's that describe a search, besides those of its sweeper."""
@@ -196,10 +199,15 @@ def _other_folders(output: Path) -> str:
     """The end of a sentence on a folder that does not exist: folders of sweeps in its place."""
     place = Path("runs") if output.parent == Path() else output.parent
     folders = {str(path.relative_to(place)): str(path) for path in folders_with_notes(place)}
-    if not folders:
-        return f"; there is no sweep in {place}, `affmap experiment=exp1` begins one."
     near = nearest(output.name, folders)
-    return f"{f'; did you mean {folders[near]}?' if near else '.'} Folders of sweeps: {', '.join(folders.values())}."
+    meant = [f"experiment={output}"] if output.name in names(f"experiment/{output.parent}") else []
+    question = " or ".join([*meant, *([folders[near]] if near else [])])
+    if not folders:
+        begin = f"did you mean {question}" if question else "`affmap experiment=exp1` begins one"
+        return f"; there is no sweep in {place}, {begin}{'?' if question else '.'}"
+    listed = [*folders.values()][:MOST_FOLDERS]
+    more = f" and {len(folders) - len(listed)} more" if len(folders) > len(listed) else ""
+    return f"{f'; did you mean {question}?' if question else '.'} Folders of sweeps: {', '.join(listed)}{more}."
 
 
 def _is_hydra(override: Override) -> bool:
@@ -217,12 +225,18 @@ def complete(overrides: Sequence[str]) -> list[str]:
     """The command line with the experiment's sweep written out, in the experiment's order.
 
     Raises:
-        ConfigError: there are several experiments, or an override is malformed.
+        ConfigError: there are several experiments, a group has a list of files, or an override is malformed.
     """
     parsed = {override.key_or_group: override for override in parse(overrides)}
     experiment = parsed.get("experiment")
     if experiment and (experiment.is_sweep_override() or isinstance(experiment.value(), list)):
         raise ConfigError("experiment takes one name at a time; run several experiments one after the other.")
+    known = groups()
+    for key, override in parsed.items():
+        files = override.value() if key in known else None
+        if isinstance(files, list) and len(files) > 1:  # Hydra would lay one file over the other
+            line = one_line(f"{key}={','.join(map(str, files))}")
+            raise ConfigError(f"{key} takes one file, and no list; write {line} for a job of each.")
     single = [str(override.input_line) for override in parsed.values() if not override.is_sweep_override()]
     sweep = values(compose(single)).get("sweep")
     # Malformed sweeps are reported when the jobs are validated.

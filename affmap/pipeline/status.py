@@ -2,12 +2,13 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
 
 from affmap.config.root import Config
-from affmap.config.sweep import Sweep
+from affmap.config.sweep import NOTE, Sweep
 from affmap.pipeline.job import open_store, stages
 from affmap.pipeline.progress import Overview
 from affmap.store.stage import Stage
@@ -107,14 +108,26 @@ def overview(jobs: Sequence[JobStatus], workers: int) -> Overview:
     )
 
 
-def failures(jobs: Iterable[JobStatus]) -> list[str]:
-    """The reason for each incomplete job, and its log, in a line or two."""
-    return [_failure(job.label, job.current.state) for job in jobs if job.current]
+def failures(jobs: Iterable[JobStatus], output: Path) -> list[str]:
+    """The reason for each incomplete job of the sweep into `output`, and its log, in a line or two.
+
+    Where the job of another sweep, which shares the stage, was the last to try it, the log's line says so.
+    """
+    return [_failure(job.label, job.current.state, output) for job in jobs if job.current]
 
 
-def _failure(label: str, state: State) -> str:
+def _failure(label: str, state: State, output: Path) -> str:
     log = f"\n    log: {_relative(Path(state.log))}" if state.log else ""
-    return f"{label}: {state.error or REASONS[state.name]}{log}"
+    other = _sweep_of(Path(state.log)) if state.log else None
+    whose = f" (the last attempt was that of {_relative(other)})" if other and other != output.resolve() else ""
+    return f"{label}: {state.error or REASONS[state.name]}{log}{whose}"
+
+
+def _sweep_of(log: Path) -> Path | None:
+    """The folder of the sweep of which a log is; None if it is not there any more."""
+    with suppress(OSError):  # of a name that is too long, in a note that somebody else wrote
+        return next((folder.resolve() for folder in log.parents if (folder / NOTE).is_file()), None)
+    return None
 
 
 def _relative(path: Path) -> Path:

@@ -82,14 +82,15 @@ def test_baselines_fly_the_same_runs(swept: Path) -> None:
 def test_running_it_again_changes_nothing(
     swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Every file the same, to the nanosecond; a line for the experiment, and one for its baselines."""
+    """Every file the same, to the nanosecond; a line for the experiment, one for its baselines, and what comes next."""
     before = contents(swept)
     monkeypatch.chdir(swept)
     assert in_process(monkeypatch, "affmap", line(swept, *SWEEP)) == 0
-    assert (
-        capsys.readouterr().out
-        == "single: 2 of 2 settings are complete.\nsingle/baselines: 2 of 2 settings are complete.\n"
-    )
+    assert capsys.readouterr().out.splitlines() == [
+        "single: 2 of 2 settings are complete.",
+        "single/baselines: 2 of 2 settings are complete.",
+        f"affmap-report {swept / 'output'} shows and draws the results.",
+    ]
     assert contents(swept) == before
 
 
@@ -165,6 +166,8 @@ def test_a_partial_report_does_without_the_baselines_that_lack(
     """The others are drawn, and the notice counts all; it is not published."""
     monkeypatch.chdir(lacking)
     assert in_process(monkeypatch, "affmap-report", line(lacking, *SWEEP, "report.partial=true")) == 0
+    printed = capsys.readouterr().out.splitlines()  # before and after the tables
+    assert ["PARTIAL: 1 of 4 settings are not complete" in each for each in (printed[0], printed[-2])] == [True, True]
     baselines = pd.read_csv(lacking / "output/tables/baselines.csv")
     assert set(baselines["planner"]) == {"oracle"}
     assert "PARTIAL: 1 of 4 settings are not complete" in (lacking / "output/report.html").read_text("utf-8")

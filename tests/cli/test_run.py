@@ -134,7 +134,7 @@ def test_the_tables_are_what_the_report_reads(swept: Path) -> None:
 def test_running_it_again_changes_nothing(
     swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Every file the same, to the nanosecond; one line says so. In another order, and one setting alone, too."""
+    """Every file the same, to the nanosecond; it says so and goes on. In another order, and one setting alone, too."""
     before = contents(swept)
     monkeypatch.chdir(swept)
     for overrides, count in (
@@ -143,7 +143,8 @@ def test_running_it_again_changes_nothing(
         (["model.context_size=1"], 1),
     ):
         assert in_process(monkeypatch, "affmap", line(swept, *overrides)) == 0
-        assert capsys.readouterr().out == f"single: {count} of {count} settings are complete.\n"
+        hint = f"affmap-report {swept / 'output'} shows and draws the results."
+        assert capsys.readouterr().out == f"single: {count} of {count} settings are complete.\n{hint}\n"
     assert contents(swept) == before
 
 
@@ -155,7 +156,7 @@ def test_a_folder_stands_for_the_sweep_that_was_run_into_it(
     monkeypatch.chdir(swept)
     for more, count in (([], 2), (["model.context_size=1"], 1)):
         assert in_process(monkeypatch, "affmap", ["output", *more]) == 0
-        assert capsys.readouterr().out == f"single: {count} of {count} settings are complete.\n"
+        assert capsys.readouterr().out.startswith(f"single: {count} of {count} settings are complete.\naffmap-report ")
     assert in_process(monkeypatch, "affmap-report", [output, "--check"]) == 1  # its stages are whole
     assert capsys.readouterr().err == f"{output} holds no report.\naffmap-report makes a report anew.\n"
     assert in_process(monkeypatch, "affmap-publish", [output]) == 2

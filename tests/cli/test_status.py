@@ -9,7 +9,7 @@ from commands import command, in_process, line
 
 from affmap.cli.status import SHARED, own_stages, summary, table
 from affmap.config import sweep
-from affmap.config.sweep import Sweep
+from affmap.config.sweep import Sweep, write_note
 from affmap.pipeline import train
 from affmap.pipeline.progress import duration
 from affmap.pipeline.status import JobStatus, StageStatus, failures, overview
@@ -98,12 +98,23 @@ def test_durations(seconds: float, message: str) -> None:
 
 def test_failures_have_their_reason_and_their_log() -> None:
     corrupted = JobStatus("size=5", (StageStatus("data", "h", State("corrupted", error="x is corrupted; remove it")),))
-    assert failures([*FOUND, corrupted]) == [
+    assert failures([*FOUND, corrupted], Path("runs/a")) == [
         "size=2: another job works on it",
         "size=3: ValueError: no luck\n    log: /logs/e/affmap.log",
         "size=4: it was not begun",
         "size=5: x is corrupted; remove it",
     ]
+
+
+def test_a_failure_says_whose_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two sweeps share a stage, and that of runs/b was the last to try it."""
+    monkeypatch.chdir(tmp_path)
+    write_note(Path("runs/b"), [])
+    state = State("failed", error="ValueError: no luck", log=str(tmp_path / "runs/b/jobs/0_x/affmap.log"))
+    jobs = [JobStatus("size=3", (StageStatus("train", "e", state),))]
+    own = "size=3: ValueError: no luck\n    log: runs/b/jobs/0_x/affmap.log"
+    assert failures(jobs, Path("runs/b")) == [own]
+    assert failures(jobs, Path("runs/a")) == [f"{own} (the last attempt was that of runs/b)"]
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +201,9 @@ def test_of_many_settings_only_those_are_listed_that_need_a_look() -> None:
         ),
         (["runs/nothing", "seed=3"], "runs/nothing is neither a folder nor an override key=value"),
         (["."], ".: . holds no note of a sweep (jobs/sweep.json); give the overrides"),
+        (["exp1"], "exp1 is neither a folder nor an override key=value; there is no sweep in runs, did you mean expe"),
+        (["experiment", "=", "exp1"], "an override has no blanks around its =; write experiment=exp1.\n"),
+        (["planner=[cem,gradient]"], "planner takes one file, and no list; write planner=cem,gradient for a job of"),
         (["--all"], "--all is not known here"),
         (["--hepl"], "--hepl is not known here; did you mean --help?"),
     ],
@@ -204,6 +218,19 @@ def test_a_mistake_is_reported(
     monkeypatch.chdir(tmp_path)
     assert in_process(monkeypatch, "affmap-status", arguments) == 2
     assert message in capsys.readouterr().err
+
+
+def test_of_many_folders_five_are_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside an experiment of that name, and the nearest folder."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b", "c", "d", "e", "exp12", "f"):
+        write_note(Path("runs") / name, [])
+    assert in_process(monkeypatch, "affmap-status", ["exp1"]) == 2
+    listed = "runs/a, runs/b, runs/c, runs/d, runs/e and 2 more.\n"
+    meant = "did you mean experiment=exp1 or runs/exp12?"
+    assert capsys.readouterr().err.endswith(f"key=value; {meant} Folders of sweeps: {listed}")
 
 
 def test_without_sweeps_there_is_nothing_to_tell(

@@ -49,6 +49,25 @@ def test_medians_of_the_published_run(capsys: pytest.CaptureFixture[str]) -> Non
     assert sum("not decided" in " ".join(line) for line in lines) == 1  # I-5
 
 
+@pytest.mark.parametrize(("members", "said"), [(2, True), (4, True), (5, False)])
+def test_too_few_members_for_tests_are_said_once(
+    members: int, said: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of two claims tested with so many members, and one of which nothing was run."""
+    scores_of = [[0.1 * member + 0.01 * (member % 2) for member in range(members)], [0.0] * members]
+    tested = statistics.paired(*scores_of, "lower")
+    outcomes = [tested, tested, statistics.undecided("test", 0, "nothing was run")]
+    scored = [
+        Score(Claim(f"I-{place}", "It falls.", lambda _: []), (Criterion("", "x", "ratio", outcome),))
+        for place, outcome in enumerate(outcomes)
+    ]
+    scores.as_table(scored).to_csv(tmp_path / "claims.csv", index=False)
+    pd.read_csv(PUBLISHED / "exp1/tables/medians.csv").to_csv(tmp_path / "medians.csv", index=False)
+    show(tmp_path)
+    sentence = f"Tests need at least 5 members; here are {members}."
+    assert capsys.readouterr().out.splitlines().count(sentence) == said
+
+
 def test_a_sweep_over_another_key_has_a_row_for_each_of_its_values() -> None:
     """By hand; a value that trainings do not have is left out."""
     table = pd.DataFrame(

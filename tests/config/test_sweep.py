@@ -125,6 +125,22 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
             ["planner=oracle"],
             "planner = 'oracle' does not exist; there are: cem, gradient, printed/cem, printed/gradient.",
         ),
+        *(
+            ([f"{group}={name}"], f"{group} = {name!r} does not exist; did you mean {meant}? There are: ")
+            for group, name, meant in [
+                ("planner", "EB", "cem"),
+                ("planner", "gb", "gradient"),
+                ("model/transition", "GRU", "gru"),
+            ]
+        ),
+        *(
+            (
+                [f"{key}=fog"],
+                "layout is not a known key; choose a layout by world=fog, for all that names no other, or by "
+                "training_layouts=[fog], control_layout=fog or map_layout=fog.",
+            )
+            for key in ("layout", "layout.name")
+        ),
         (["lookup="], "lookup = '' does not exist; there are: exact, map."),
         (["hydra/launcher=nope"], "hydra/launcher = 'nope' does not exist; there are: basic, joblib, slurm."),
         *(
