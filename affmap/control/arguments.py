@@ -15,13 +15,10 @@ from affmap.control.settings import ControlSettings
 from affmap.env.body import Vehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural
+from affmap.env.procedural import AnyLayout, Procedural
 from affmap.env.procedural import load as load_layout
 from affmap.settings import ConfigError, Settings, read
 from affmap.settings.messages import format_value
-
-AnyLayout: TypeAlias = Layout | Procedural | Mapping[str, Any] | str
-"""A layout or rules for layouts; or the keys and values of either; or the name of their file in `conf/layout`."""
 
 AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
 """Physical constants; or their keys and values; or the name of their file in `conf/vehicle`."""
@@ -115,6 +112,11 @@ def seed(given: int) -> int:
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 0:
         raise ConfigError(f"seed = {format_value(given)} is not allowed; give a whole number, 0 or more.")
     return int(given)
+
+
+def streams(seeds: Sequence[int], runs: int, seed: int) -> list[tuple[int, ...]]:
+    """The seed and the keys of the random streams of B runs (member-major); with seed 0, of those of reports."""
+    return [(member, run, *([seed] if seed else [])) for member in seeds for run in range(runs)]
 
 
 def num_runs(runs: int | None, *places: ArrayLike | None) -> int | None:

@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings, check_channels, prediction_error, seeds_of
-from affmap.control.arguments import AnyLayout, AnyVehicle
+from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.oracle import Oracle
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import first_layout
+from affmap.env.procedural import AnyLayout, first_layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.lazy import notebook
 from affmap.progress import reported, silent
@@ -84,7 +84,7 @@ def control(
         seed: of other starts, goals and random numbers than those of reports, which have 0.
     """
     pairs = [(member, run) for member in seeds for run in range(settings.runs_per_member)]
-    streams = [(member, run, *([seed] if seed else [])) for member, run in pairs]
+    streams = arguments.streams(seeds, settings.runs_per_member, seed)
     layouts_of_runs = [layouts[0]] * len(pairs) if len(layouts) == 1 else layouts
     worlds = [layout.map for layout in layouts]
     envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for layout in layouts_of_runs]

@@ -7,13 +7,13 @@ import pandas as pd
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, seeds_of
-from affmap.control.arguments import AnyLayout, AnyVehicle
+from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller
 from affmap.control.episodes import bring, control
 from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import HalfOracle
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural
+from affmap.env.procedural import AnyLayout, Procedural
 from affmap.progress import reported, silent
 from affmap.random import generator
 from affmap.results import metrics
@@ -96,7 +96,7 @@ def _worlds(place: Layout | Procedural, agent: Controller, num_runs: int, seed: 
     """The layout; or one for each run of each member (member-major), drawn by rules."""
     if isinstance(place, Layout):
         return [place]
-    streams = [(member, run, *([seed] if seed else [])) for member in seeds_of(agent) for run in range(num_runs)]
+    streams = arguments.streams(seeds_of(agent), num_runs, seed)
     return [place.draw(generator(member, "world", *keys)) for member, *keys in streams]
 
 

@@ -17,8 +17,7 @@ from affmap.control.agent import seeds_of
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.episodes import bring
 from affmap.control.mpc import PlanningAgent
-from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, first_layout
+from affmap.env.procedural import AnyLayout, first_layout
 from affmap.random import generator
 from affmap.settings.messages import format_value
 from affmap.threads import limited
@@ -44,7 +43,7 @@ class Pilot:
     def __init__(
         self,
         agent: Controller,
-        layout: Layout | Procedural | Mapping[str, Any] | str,
+        layout: AnyLayout,
         seed: int = 0,
         *,
         threads: int = 1,

@@ -13,7 +13,7 @@ Circles that need not keep the gap are never pushed, shrunk or removed: they are
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -207,7 +207,11 @@ def is_procedural(name: str) -> bool:
     return "properties" in read("layout", name)
 
 
-def first_layout(layout: Layout | Procedural | Mapping[str, Any] | str, seed: int) -> Layout:
+AnyLayout: TypeAlias = Layout | Procedural | Mapping[str, Any] | str
+"""A layout or rules for layouts; or the keys and values of either; or the name of their file in `conf/layout`."""
+
+
+def first_layout(layout: AnyLayout, seed: int) -> Layout:
     """A layout, as `load` takes it; of rules, the first layout of member `seed`.
 
     Raises:
@@ -217,7 +221,7 @@ def first_layout(layout: Layout | Procedural | Mapping[str, Any] | str, seed: in
     return rules.draw(generator(seed, "world", 0)) if isinstance(rules, Procedural) else rules
 
 
-def load(layout: Layout | Procedural | Mapping[str, Any] | str) -> Layout | Procedural:
+def load(layout: AnyLayout) -> Layout | Procedural:
     """A layout or rules for layouts: as they are, from their keys and values, or by their name in `conf/layout`.
 
     Raises:

@@ -1,6 +1,6 @@
 """Many vehicles in one process, for reinforcement learning: all views of a step are cut out at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import SyncVectorEnv
 
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, load
+from affmap.env.procedural import AnyLayout, load
 from affmap.env.vehicle import PlainSpec, VehicleEnv
 from affmap.view import views as cut
 
@@ -28,7 +28,7 @@ class VehicleVectorEnv(PlainSpec, SyncVectorEnv):
         self,
         num_envs: int = 1,
         max_episode_steps: int | None = None,
-        layout: Layout | Procedural | Mapping[str, Any] | str = "original",
+        layout: AnyLayout = "original",
         views: bool = True,
         **arguments: Any,
     ) -> None:

@@ -14,7 +14,7 @@ from affmap.env.body import Vehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
-from affmap.env.procedural import Procedural, load
+from affmap.env.procedural import AnyLayout, Procedural, load
 from affmap.settings import Settings
 from affmap.settings.messages import format_value
 from affmap.view import PIXELS, view
@@ -89,7 +89,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def __init__(
         self,
-        layout: Layout | Procedural | Mapping[str, Any] | str = "original",
+        layout: AnyLayout = "original",
         vehicle: Vehicle | Mapping[str, Any] | str = "default",
         goal_radius: float = 0.1,
         render_mode: str | None = None,

@@ -14,10 +14,11 @@ from affmap.config.compose import values as plain_values
 from affmap.config.root import Config
 from affmap.control import arguments
 from affmap.control.agent import Agent
-from affmap.control.arguments import AnyLayout, AnyVehicle
+from affmap.control.arguments import AnyVehicle
 from affmap.control.pretrained import reference
 from affmap.data.collect import write_dataset
 from affmap.env.layout import Layout
+from affmap.env.procedural import AnyLayout
 from affmap.model.lookup import make_lookup
 from affmap.model.registry import TransitionSettings
 from affmap.pipeline import datasets

@@ -46,8 +46,8 @@ def own(given: Mapping[str, ArrayLike], layouts: Sequence[Layout]) -> Arrays:
     """
     if not isinstance(given, Mapping):
         raise ConfigError(
-            f"dataset = {format_value(given)} is not allowed; give arrays, as in affmap.data.collect, or the folder of "
-            "a data set."
+            f"dataset = {format_value(given)} is not allowed; give arrays, as in affmap.data.collect.collect, or the "
+            "folder of a data set."
         )
     types = {"position": np.float32, "view": bool, "action": np.float32}
     if missing := [key for key in types if key not in given]:

@@ -1,7 +1,6 @@
 """Plots of what happens in the arena: layouts, affordance maps, flights and plans. Lengths are in u."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +8,7 @@ from matplotlib.lines import Line2D
 
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, first_layout
+from affmap.env.procedural import AnyLayout, first_layout
 from affmap.env.scene import LAYERS, Scene, circle_marks
 from affmap.plot.canvas import canvas, legend_beside
 from affmap.report.drawing import arena
@@ -25,9 +24,6 @@ if TYPE_CHECKING:  # need torch
     from affmap.control.episodes import Runs
     from affmap.model.lookup import AffordanceMap
 
-AnyLayout = Layout | Procedural | Mapping[str, Any] | str
-"""A layout, its keys and values, or its name in `conf/layout`; for rules of worlds, the first world of member 0."""
-
 END = "o"
 """Sign of the place where a run ended."""
 
@@ -39,7 +35,7 @@ def layout(layout: AnyLayout, *, vehicle: Vehicle | None = None, ax: Axes | None
     """Draw a layout: circles coloured by effect, the squares where runs start and end, and the vehicle to scale.
 
     Args:
-        layout: as `affmap.fly` takes it.
+        layout: as `affmap.fly` takes it; of rules for worlds, the first world of member 0 is drawn.
         vehicle: by default that of `conf/vehicle/default.yaml`.
         ax: where to draw.
 
