@@ -187,7 +187,7 @@ class OwnFolder(SearchPathPlugin):
 
 @lru_cache(maxsize=64)
 def _compose(overrides: tuple[str, ...], confs: tuple[Path, ...], _modified: int) -> Any:
-    Plugins.instance().register(OwnFolder)  # each time: a launcher may have put back an earlier state of Hydra
+    Plugins.instance().register(OwnFolder)  # each time: Hydra's launchers forget what was registered
     with hydra_errors(), initialize_config_dir(str(confs[0]), version_base="1.3"):
         try:
             composed = hydra.compose("config", [*overrides], return_hydra_config=True)

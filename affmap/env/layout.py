@@ -5,6 +5,7 @@ The effect of a circle and its look (its channel of the view) are separate. A la
 """
 
 import math
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
@@ -92,9 +93,9 @@ class Arena(Settings):
         return f"{type(self).__name__}({self.name!r}, {width:g} x {height:g} u, {self._contents})"
 
     @property
+    @abstractmethod
     def _contents(self) -> str:
         """A short description of the circles."""
-        raise NotImplementedError
 
     @property
     def shortest_way(self) -> float:

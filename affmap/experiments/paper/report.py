@@ -104,6 +104,11 @@ class PaperContent:
     scores: Sequence[Sequence[Score]]
     """Scores of each chapter's claims."""
 
+    @property
+    def _every(self) -> list[Score]:
+        """Scores of all claims, in order."""
+        return [each for some in self.scores for each in some]
+
     def title(self) -> str:
         """Title of the report."""
         return TITLE
@@ -115,15 +120,15 @@ class PaperContent:
 
     def verdicts(self) -> str:
         """Numbers of claims that hold, do not hold, and are not decided."""
-        return escape(sentences.verdict_count([each for some in self.scores for each in some]))
+        return escape(sentences.verdict_count(self._every))
 
     def correction(self) -> str:
         """Claims that hold, but not with p values that are corrected for the number of claims."""
-        return escape(sentences.correction([each for some in self.scores for each in some]))
+        return escape(sentences.correction(self._every))
 
     def remarks(self) -> str:
         """Choices made after a verdict had been seen."""
-        return bullets(map(escape, sentences.remarks([each for some in self.scores for each in some])))
+        return bullets(map(escape, sentences.remarks(self._every)))
 
     def claims(self) -> str:
         """Table of the claims, a row each."""
