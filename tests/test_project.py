@@ -141,9 +141,22 @@ def test_versions_agree() -> None:
     assert citation["license"] == PROJECT["license"] and citation["title"] == PROJECT["name"]
 
 
+def versions(name: str) -> dict[str, str]:
+    """Package -> its version in a file of pins."""
+    pins = re.findall(r"^([\w.-]+)==([\w.+]+)", text(name), re.MULTILINE)
+    return {re.sub(r"[-_.]+", "-", package).lower(): version for package, version in pins}
+
+
+def test_benchmarks_ask_for_the_pinned_versions() -> None:
+    """Else pip finds no way to install both: one package of another version, and `make bench` ends."""
+    pinned, asked = versions("constraints.txt"), versions("tests/benchmarks/requirements.txt")
+    both = pinned.keys() & asked.keys()
+    assert both and {name: asked[name] for name in both} == {name: pinned[name] for name in both}
+
+
 def test_every_package_of_an_extra_but_those_of_clusters_is_pinned() -> None:
     """What Ray's launcher wants does not go together with the pins (`make slow`)."""
-    pinned = {re.sub(r"[-_.]+", "-", line.partition("==")[0]).lower() for line in text("constraints.txt").split()}
+    pinned = versions("constraints.txt").keys()
     for extra in ("dev", "rl", "tensorboard"):
         for requirement in PROJECT["optional-dependencies"][extra]:
             package = re.split(r"[><=\[;]", requirement)[0]
