@@ -1,20 +1,18 @@
-"""The frame of all commands: command line, error messages, exit statuses, signals."""
+"""The frame of all commands: command line, error messages, exit statuses."""
 
 import argparse
-import multiprocessing
 import os
 import signal
 import sys
-import threading
-import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
+from affmap.cli.processes import Terminated, interruption, kill_workers, sigterm_ends_process
 from affmap.config import sweep
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
@@ -55,7 +53,7 @@ def command(
                 body(_overrides(known))
         sys.stdout.flush()
     except BaseException as error:
-        match _first(error):
+        match interruption(error) or error:
             case KeyboardInterrupt():
                 _leave_at_once(f"Stopped{remedy}", 128 + signal.SIGINT)
             case Terminated(code=code):
@@ -151,16 +149,6 @@ def written_alone(path: Path) -> Iterator[None]:
             lock.unlink(missing_ok=True)
 
 
-def _first(error: BaseException) -> BaseException:
-    """The signal that caused an error, since libraries may fail when they are interrupted; else the error itself."""
-    cause: BaseException | None = error
-    while cause:
-        if isinstance(cause, (KeyboardInterrupt, Terminated)):
-            return cause
-        cause = cause.__context__
-    return error
-
-
 def flags() -> list[str]:
     """The flags of the command line, except Hydra's for sweeps."""
     return [argument for argument in sys.argv[1:] if argument.startswith("-") and argument not in MULTIRUN]
@@ -184,65 +172,7 @@ def _leave(message: str, status: int) -> NoReturn:
 
 def _leave_at_once(message: str, status: int) -> NoReturn:
     """Exit without waiting for workers, which may have results to send that nobody will receive."""
-    for worker in _workers():
-        with suppress(ProcessLookupError):
-            os.kill(worker, signal.SIGKILL)
+    kill_workers()
     print(printable(message), file=sys.stderr, flush=True)
     sys.stdout.flush()
     os._exit(status)
-
-
-def _workers() -> set[int]:
-    """Processes of workers, also of one that was just being started, which only the system knows."""
-    workers = {int(worker.pid or 0) for worker in multiprocessing.active_children()} - {0}
-    for path in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it has ended
-            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-            # The tracker of shared semaphores ends by itself, and removes them.
-            if parent == os.getpid() and b"resource_tracker" not in (path / "cmdline").read_bytes():
-                workers.add(int(path.name))
-    return workers
-
-
-class Terminated(SystemExit):
-    """SIGTERM was received."""
-
-    code: int
-
-
-@contextmanager
-def sigterm_ends_process() -> Iterator[None]:
-    """Let SIGTERM, a scheduler's warning, end the process in the block as Ctrl-C does: at once, with locks released.
-
-    A launcher with a handler of its own keeps it.
-    """
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, _terminate)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _terminate(number: int, _frame: object) -> None:
-    raise Terminated(128 + number)
-
-
-def end_with_parent() -> None:
-    """Let a worker process exit when its command is killed: nobody would receive its results."""
-    is_main = multiprocessing.current_process().name == "MainProcess"
-    if is_main or _WATCH in {thread.name for thread in threading.enumerate()}:
-        return
-    threading.Thread(target=_watch, args=(os.getppid(),), name=_WATCH, daemon=True).start()
-
-
-_WATCH = "affmap: is the parent there?"
-
-
-def _watch(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os._exit(1)

@@ -19,12 +19,11 @@ from affmap.cli.app import (
     MULTIRUN,
     SweepError,
     command,
-    end_with_parent,
     flags,
     read_jobs,
     read_sweep,
-    sigterm_ends_process,
 )
+from affmap.cli.processes import end_with_parent, interruption, sigterm_ends_process
 from affmap.config import sweep
 from affmap.config.compose import compose, num_workers
 from affmap.config.root import Config, plain
@@ -198,6 +197,8 @@ def _launch(arguments: list[str]) -> list[str]:
     except (HydraException, MachineError):  # a sentence already
         raise
     except Exception as error:
+        if interruption(error):
+            raise
         log.debug("The launcher failed.", exc_info=error)
         return [f"The launcher stopped: {type(error).__name__}: {error}"]
     finally:
@@ -221,6 +222,8 @@ def _job(composed: DictConfig) -> float | list[float] | None:
                 return score(config)
             run(config)
     except Exception as error:
+        if interruption(error):
+            raise
         is_sentence = isinstance(error, (ConfigError, MachineError, StoreError))
         message = "This job failed: %s Run the same command again to resume."
         log.error(message, str(error).rstrip(".") + ".", exc_info=not is_sentence)

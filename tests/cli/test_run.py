@@ -7,7 +7,6 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -765,29 +764,6 @@ def test_a_configuration_that_cannot_be_run_is_not_printed(
     assert in_process(monkeypatch, "affmap", ["members=-1", "--cfg", "job"]) == 2
     captured = capsys.readouterr()
     assert "members = -1 is not allowed" in captured.err and captured.out == ""
-
-
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_in_the_middle_of_a_library_is_no_mistake(number: signal.Signals, status: int) -> None:
-    """One that stumbles while it is interrupted raises an error of its own, which would else be told as Hydra's."""
-    program = f"""
-import os, signal
-from affmap.cli import app
-from affmap.config import explain
-
-signal.signal(signal.SIGINT, signal.default_int_handler)  # where it is ignored from outside
-
-def body(arguments):
-    with explain.hydra_errors():
-        try:
-            os.kill(os.getpid(), {int(number)})
-        finally:
-            raise AttributeError("stumbled")
-
-app.command(body)
-"""
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stdout) == (status, "") and ended.stderr.startswith("Stopped")
 
 
 def test_output_that_nobody_reads_is_no_mistake() -> None:
