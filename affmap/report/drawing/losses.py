@@ -2,14 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import seaborn as sns
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from affmap.report.drawing.colors import x_colors
+from affmap.report.drawing.colors import Groups, x_colors
 from affmap.report.drawing.numbers import HUGE, LINEAR, Span, legend_above, mark, name_places
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
@@ -23,6 +27,12 @@ KIND_COLORS = {
     "leaving": "#DDCC77",
 }
 """Kind of step -> colour (Tol)."""
+
+STEP_MARKERS = {"median": "o", "mean": "D"}
+"""Statistic of the losses of a kind of step -> sign."""
+
+BLACK = "0.15"
+"""Points of losses that are not grouped."""
 
 NOTE = 0.13
 """Room for a line of words above the curves, as a share of their height."""
@@ -64,8 +74,7 @@ def learning_curves(
         legend="full",
         ax=ax,
     )
-    ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
-    ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
+    _epochs(ax).set_ylabel(METRICS["validation_nll"].label)
     texts = {str(value): name for value, name in names.items()}
     for line in ax.get_lines():
         line.set_label(texts.get(str(line.get_label()), line.get_label()))
@@ -105,7 +114,14 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
     )
 
 
-def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTEXT_SIZE) -> Axes:
+def step_losses(
+    ax: Axes,
+    steps: pd.DataFrame,
+    kind: str,
+    factor: Factor = CONTEXT_SIZE,
+    names: Mapping[Value, str] = MappingProxyType({}),
+    groups: Groups | None = None,
+) -> Axes:
     """Draw losses of one kind of step: medians and means over steps, by the factor that distinguishes trainings.
 
     Points are medians over members, lines their quartiles. The axis is logarithmic for very large losses.
@@ -115,16 +131,25 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
         steps: one row per training and member, with `kind`, `median` and `mean` (nats).
         kind: one of the kinds of step.
         factor: on the x axis.
+        names: of the values on the x axis, for readers; empty for numbers.
+        groups: trainings side by side in colours of their own; None where there is one training per value.
     """
     of_kind = steps[steps["kind"] == kind]
     values = list(dict.fromkeys(steps[factor.column]))
-    for column, marker, face in (("median", "o", "0.15"), ("mean", "D", "white")):
-        summary = of_kind.groupby(factor.column)[column].describe().reindex(values)
+    if groups is None:
+        parts = [(of_kind, BLACK)]
+    else:
+        of_group = groups.of(of_kind)
+        parts = [(of_kind[of_group == name], groups.palette[name]) for name in groups.names.values()]
+    width = min(0.24, 0.8 / (2 * len(parts)))
+    points = [(rows, color, column) for rows, color in parts for column in STEP_MARKERS]
+    for place, (rows, color, column) in enumerate(points):
+        summary = rows.groupby(factor.column)[column].describe().reindex(values)
         low, middle, high = (summary[quartile].to_numpy() for quartile in ("25%", "50%", "75%"))
-        place = np.arange(len(values)) + (0.12 if column == "mean" else -0.12)
-        ax.vlines(place, low, high, color="0.15", lw=0.9)
-        ax.plot(place, middle, ls="", ms=4, color="0.15", label=f"{column} step", marker=marker, mfc=face)
-    name_places(ax, values)
+        x = np.arange(len(values)) + width * (place - (len(points) - 1) / 2)
+        ax.vlines(x, low, high, color=color, lw=0.9)
+        ax.plot(x, middle, ls="", color=color, **_marker(column, color))
+    name_places(ax, [names.get(value, value) for value in values])
     ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
     if of_kind["mean"].max() > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)
@@ -132,6 +157,17 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
         if of_kind[["median", "mean"]].to_numpy(float).min() >= 0:
             ax.set_ylim(bottom=0)
     return ax
+
+
+def step_handles(groups: Groups | None) -> list[Artist]:
+    """Legend entries of `step_losses`: the signs of median and mean, then the groups."""
+    signs = [Line2D([], [], ls="", color=BLACK, label=f"{column} step", **_marker(column)) for column in STEP_MARKERS]
+    return [*signs, *(Patch(fc=color, label=name) for name, color in (groups.palette if groups else {}).items())]
+
+
+def _marker(column: str, color: str = BLACK) -> dict[str, Any]:
+    """Look of a point: medians are filled."""
+    return {"marker": STEP_MARKERS[column], "ms": 4, "mfc": color if column == "median" else "white"}
 
 
 def contributions(ax: Axes, steps: pd.DataFrame, kinds: Sequence[str]) -> Axes:
@@ -149,5 +185,11 @@ def contributions(ax: Axes, steps: pd.DataFrame, kinds: Sequence[str]) -> Axes:
     for kind in kinds:
         ax.plot(medians.index, medians[kind], marker=".", ms=4, lw=1.2, color=KIND_COLORS[kind], label=kind)
     ax.plot(medians.index, share.sum(axis=1).groupby("epoch").median(), lw=1.2, ls=":", color="0.1", label="all")
-    ax.set(xlabel="epoch")
+    return _epochs(ax)
+
+
+def _epochs(ax: Axes) -> Axes:
+    """Label the x axis, with ticks at whole epochs only."""
+    ax.set_xlabel("epoch")
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
     return ax
