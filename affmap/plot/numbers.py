@@ -57,7 +57,7 @@ def losses(table: Table, by: str | None = CONTEXT_SIZE.column, *, ax: Axes | Non
     with canvas(ax) as axes:
         curves.learning_curves(axes, rows, factor=factor, names=names if _are_words(names) else {}, colors=colors)
         if by:
-            axes.set_title(f"Loss by {factor.label}", loc="left")
+            numbers.titled(axes, f"Loss by {factor.label}")
         _trim_legend(axes)
     return axes
 

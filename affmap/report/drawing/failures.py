@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from affmap.env.effects import EFFECTS
 from affmap.report.drawing.colors import x_colors
-from affmap.report.drawing.numbers import LINEAR, name_places, say, unpredicted
+from affmap.report.drawing.numbers import LINEAR, mark_zeros, name_places, say, unpredicted
 from affmap.results import failures
 from affmap.results.setting import CONTEXT_SIZE, Factor, Value
 
@@ -36,7 +36,7 @@ def nearest(ax: Axes, runs: pd.DataFrame, x: Factor = CONTEXT_SIZE) -> Axes:
         x: the factor on the x axis.
     """
     names = failures.things().items()
-    things = {thing: f"nearest: {name}" for thing, name in names if (runs["nearest"] == thing).any()}
+    things = {thing: name for thing, name in names if (runs["nearest"] == thing).any()}
     colors = {failures.SURFACE: EFFECTS["obstacle"].color, **{name: each.color for name, each in EFFECTS.items()}}
     shares = failures.shares(runs, "nearest", things, x.column)
     return _stacked(ax, shares, things, colors, x, "every run arrived")
@@ -103,6 +103,7 @@ def _stacked(
         heights = table[kind].to_numpy()
         ax.bar(range(len(table)), heights, 0.75, bottom, color=colors[kind], ec="black", lw=0.6, label=name)
         bottom += heights
+    mark_zeros(ax, np.flatnonzero(bottom == 0) if bottom.any() else [])
     name_places(ax, list(table.index))
     ax.set(xlabel=x.label, ylabel="share of runs", ylim=(0.0, 1.0))
     return ax if bottom.any() else say(ax, nothing)

@@ -22,11 +22,11 @@ from affmap.results.setting import CONTEXT_SIZE, Factor, Value
 KIND_COLORS = {
     "free": "#332288",
     "touching": "#8c8c8c",
-    "entering": "#CC6677",
+    "entering": "#CC3311",
     "inside": "#88CCEE",
     "leaving": "#DDCC77",
 }
-"""Kind of step -> colour (Tol)."""
+"""Kind of step -> colour (Tol), safe for colour-blind readers."""
 
 STEP_MARKERS = {"median": "o", "mean": "D"}
 """Statistic of the losses of a kind of step -> sign."""
@@ -80,7 +80,7 @@ def learning_curves(
         line.set_label(texts.get(str(line.get_label()), line.get_label()))
     if factor == CONTEXT_SIZE:
         _focus(ax, validation, paper)
-    return legend_above(ax, 8 if len(values) <= 5 else 4)
+    return legend_above(ax)
 
 
 def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:

@@ -1,9 +1,12 @@
 """Reasons and places of failed runs: a row of panels for each planner or layout."""
 
+from collections.abc import Iterable
+
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 
 from affmap.env.geometry import CELL
-from affmap.report.drawing import arena
+from affmap.report.drawing import arena, numbers
 from affmap.report.drawing import failures as panels
 from affmap.report.drawing.colors import make_groups
 from affmap.report.drawing.files import Drawn, new_figure
@@ -30,7 +33,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         row = results.where({key: each for key, each in same.items() if key != results.x.key})
         row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
         layout = results.run_layouts(row[0])[0]
-        bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
+        bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "failed runs", loc="left")
         if not results.has_own_layouts(row[0]):
             places = failures.places(results, row)
             arena.heat(middle, places.fog, layout).set_title(f"fog first entered ({len(places.fog)})", loc="left")
@@ -43,11 +46,18 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         for ax in rest:
             panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, results.x)
             ax.set_title("distance to fog", loc="left")
-    entries: dict[str, Artist] = {}
-    for ax in rows[:, :2].ravel():
-        entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4, frameon=False)
+    numbers.legend_below(
+        figure, {"failed runs:": _entries(rows[:, 0]), "never arrived, nearest to:": _entries(rows[:, 1])}
+    )
     return Drawn(figure, _caption(results, settings))
+
+
+def _entries(panels: Iterable[Axes]) -> list[Artist]:
+    """Legend entries of some panels, each name once."""
+    entries: dict[str, Artist] = {}
+    for ax in panels:
+        entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
+    return list(entries.values())
 
 
 def _caption(results: Results, settings: ReportSettings) -> str:

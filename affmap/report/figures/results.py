@@ -43,10 +43,10 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     groups = make_groups(results, settings)
     error, outcome = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
     numbers.boxes(error, results.runs, "prediction_error", groups, settings.axes.get("prediction_error"))
-    error.set_title("C", loc="left")
+    numbers.titled(error, numbers.panel_title("C", "prediction_error"))
     panel = numbers.boxes if settings.outcome == "mean_distance" else numbers.bars
     panel(outcome, results.runs, settings.outcome, groups, settings.axes.get(settings.outcome))
-    outcome.set_title("D", loc="left")
+    numbers.titled(outcome, numbers.panel_title("D", settings.outcome))
     both = {"prediction_error": error, settings.outcome: outcome}
     numbers.baseline_lines(figure, both, results.baseline_runs, groups)
     return Drawn(figure, _caption(results, settings, worlds))
@@ -93,7 +93,7 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
         ax = losses.learning_curves(
             figure.add_subplot(cell), results.validation, paper, factor, groups.names if alone else names, colors
         )
-        ax.set_title(f"A  Loss by {factor.label}", loc="left")
+        numbers.titled(ax, f"A  Loss by {factor.label}")
         return
     trained = set(results.validation[column])
     known = [*results.layouts, *results.color_values]
@@ -115,7 +115,7 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
             ax.text(0.98, 0.98, name, ha="right", va="top", transform=ax.transAxes)
     for ax in grid.ravel()[len(values) :]:
         ax.set_axis_off()
-    grid[0, 0].set_title(f"A  Loss by {factor.label}", loc="left")
+    numbers.titled(grid[0, 0], f"A  Loss by {factor.label}")
 
 
 def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painted]) -> str:
