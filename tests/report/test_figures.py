@@ -24,7 +24,7 @@ from affmap.report.figures import results as main_results
 from affmap.report.figures import world as world_figure
 from affmap.results import examples, failures
 from affmap.results.files import Trajectories
-from affmap.results.setting import ReportSettings, Setting
+from affmap.results.setting import Factor, ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -169,6 +169,22 @@ def test_a_legend_of_several_lines_has_each_heading_before_its_own_entries(tmp_p
     heights = sorted({round(place.y0) for place in places.values()}, reverse=True)
     found = [sorted((place.x0, name) for name, place in places.items() if round(place.y0) == y) for y in heights]
     assert [[name for _, name in line] for line in found] == [["one:", "a", "b", "c"], ["two:", "d"]]
+
+
+def test_values_that_are_names_are_readable_and_in_the_order_of_the_report() -> None:
+    """By hand: MLP before GRU, in every panel whose axis or curves are transition models."""
+    kind, readable = Factor("model.transition", "kind_of_model", "transition"), {"mlp": "MLP", "gru": "GRU"}
+    table = pd.DataFrame({"kind_of_model": ["mlp", "gru"], "reason": "fog", "nearest": "fog", "distance": 0.1})
+    table = table.assign(acting=0, prediction_error=-8.0, kind="free", median=-8.0, mean=-7.0)
+    axes = [Figure().subplots() for _ in range(5)]
+    panels.reasons(axes[0], table, kind, readable)
+    panels.nearest(axes[1], table, kind, readable)
+    panels.fog_distances(axes[2], table, ["mlp", "gru"], kind, readable)
+    losses.step_losses(axes[3], table[::-1], "free", kind, readable)
+    for ax in axes[:4]:
+        assert [label.get_text() for label in ax.get_xticklabels()] == ["MLP", "GRU"]
+    panels.step_errors(axes[4], table, kind, readable)
+    assert axes[4].get_legend_handles_labels()[1] == ["MLP", "GRU"]
 
 
 def test_panels_without_anything_to_show_say_so(world: Layout) -> None:

@@ -16,6 +16,10 @@ from affmap.results.tables import Results
 GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol; distinguishable in this order
 
 
+NUMBERS: Mapping[Value, str] = MappingProxyType({})
+"""Names of values on an axis that are numbers, and need none."""
+
+
 class Groups(NamedTuple):
     """Values of the grouping variable, with names and colours, and the factor on the x axis."""
 
@@ -26,7 +30,7 @@ class Groups(NamedTuple):
     palette: dict[str, str]
     """Name -> colour."""
     x: Factor = CONTEXT_SIZE
-    x_names: Mapping[Value, str] = MappingProxyType({})
+    x_names: Mapping[Value, str] = NUMBERS
     """Value on the x axis -> its name for readers; empty for numbers."""
 
     def of(self, table: pd.DataFrame) -> "pd.Series[str]":

@@ -1,7 +1,6 @@
 """Drawing functions for losses: they take tables and Axes and return the Axes."""
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from affmap.report.drawing.colors import Groups, x_colors
+from affmap.report.drawing.colors import NUMBERS, Groups, x_colors
 from affmap.report.drawing.numbers import HUGE, LINEAR, Span, legend_above, mark, name_places
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
@@ -43,7 +42,7 @@ def learning_curves(
     validation: pd.DataFrame,
     paper: Span = None,
     factor: Factor = CONTEXT_SIZE,
-    names: Mapping[Value, str] = MappingProxyType({}),
+    names: Mapping[Value, str] = NUMBERS,
     colors: Mapping[Value, str] | None = None,
 ) -> Axes:
     """Draw the validation NLL over epochs, one curve per value: mean and standard deviation (shade) over members.
@@ -57,8 +56,7 @@ def learning_curves(
         colors: of the values; by default those of an axis.
     """
     mark(ax, paper)
-    values = [value for value in names if value in set(validation[factor.column])]
-    values = values or sorted(validation[factor.column].unique())
+    values = in_order(validation[factor.column], names)
     num_epochs = validation["epoch"].nunique()
     sns.lineplot(
         validation,
@@ -81,6 +79,12 @@ def learning_curves(
     if factor == CONTEXT_SIZE:
         _focus(ax, validation, paper)
     return legend_above(ax)
+
+
+def in_order(column: "pd.Series[Any]", names: Mapping[Value, str]) -> list[Value]:
+    """The distinct values in a column, in the order of their names; without names, numbers ascend."""
+    values = set(column)
+    return [value for value in names if value in values] or sorted(values)
 
 
 def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
@@ -119,7 +123,7 @@ def step_losses(
     steps: pd.DataFrame,
     kind: str,
     factor: Factor = CONTEXT_SIZE,
-    names: Mapping[Value, str] = MappingProxyType({}),
+    names: Mapping[Value, str] = NUMBERS,
     groups: Groups | None = None,
 ) -> Axes:
     """Draw losses of one kind of step: medians and means over steps, by the factor that distinguishes trainings.
@@ -131,11 +135,11 @@ def step_losses(
         steps: one row per training and member, with `kind`, `median` and `mean` (nats).
         kind: one of the kinds of step.
         factor: on the x axis.
-        names: of the values on the x axis, for readers; empty for numbers.
+        names: of the values on the x axis, for readers, in their order; empty for numbers.
         groups: trainings side by side in colours of their own; None where there is one training per value.
     """
     of_kind = steps[steps["kind"] == kind]
-    values = list(dict.fromkeys(steps[factor.column]))
+    values = in_order(steps[factor.column], names)
     if groups is None:
         parts = [(of_kind, BLACK)]
     else:
@@ -149,7 +153,7 @@ def step_losses(
         x = np.arange(len(values)) + width * (place - (len(points) - 1) / 2)
         ax.vlines(x, low, high, color=color, lw=0.9)
         ax.plot(x, middle, ls="", color=color, **_marker(column, color))
-    name_places(ax, [names.get(value, value) for value in values])
+    name_places(ax, values, names)
     ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
     if of_kind["mean"].max() > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)

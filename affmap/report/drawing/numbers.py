@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
-from affmap.report.drawing.colors import Groups
+from affmap.report.drawing.colors import NUMBERS, Groups
 from affmap.results import statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.scores import center
-from affmap.results.setting import LAYOUT, PLANNER
+from affmap.results.setting import LAYOUT, PLANNER, Value
 
 HUGE, LINEAR = 300, 20
 """Boxes of errors beyond the first value (nats) get an axis that is linear up to the second and then logarithmic."""
@@ -201,9 +201,16 @@ def _words(words: str) -> Artist:
     return Line2D([], [], ls="", label=words)
 
 
-def name_places(ax: Axes, values: Sequence[Any]) -> None:
-    """Name the places 0, 1, ... on the x axis, so that many names stay apart in a narrow panel."""
-    ax.set_xticks(range(len(values)), [str(value) for value in values], fontsize=6 if len(values) > 5 else None)
+def name_places(ax: Axes, values: Sequence[Value], names: Mapping[Value, str] = NUMBERS) -> None:
+    """Name the places 0, 1, ... on the x axis, so that many names stay apart in a narrow panel.
+
+    Args:
+        ax: a panel.
+        values: on its x axis, in their order.
+        names: of the values, for readers; empty for numbers.
+    """
+    labels = [names.get(value, str(value)) for value in values]
+    ax.set_xticks(range(len(values)), labels, fontsize=6 if len(values) > 5 else None)
 
 
 def mark_zeros(ax: Axes, places: Iterable[float]) -> None:

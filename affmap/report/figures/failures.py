@@ -23,12 +23,13 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         return None
     runs = failures.with_reasons(results)
     groups = make_groups(results, settings)
+    axis = groups.x, groups.x_names
     num_rows = min(MAX_ROWS, len(groups.names))
     fog = any(failures.has_fog(results, setting) for setting in results.settings)
     figure = new_figure(0.5 + 1.9 * num_rows)
     rows = figure.subplots(num_rows, 3 + fog, squeeze=False, width_ratios=(1.0, 1.15, 1.15, *[1.0] * fog))
     for (bars, middle, right, *rest), (value, name) in zip(rows, groups.names.items(), strict=False):
-        panels.reasons(bars, runs[runs[groups.column] == value], results.x)
+        panels.reasons(bars, runs[runs[groups.column] == value], *axis)
         same = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
         row = results.where({key: each for key, each in same.items() if key != results.x.key})
         row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
@@ -40,11 +41,11 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
             arena.heat(right, places.ended, layout).set_title(f"never arrived: ends ({len(places.ended)})", loc="left")
         else:  # positions cannot be pooled if every run has its own world
             things = failures.with_nearest(results, row)
-            panels.nearest(middle, things, results.x).set_title("never arrived", loc="left")
+            panels.nearest(middle, things, *axis).set_title("never arrived", loc="left")
             steps = failures.step_errors(results, row)
-            panels.step_errors(right, steps, results.x).set_title("errors outside fog", loc="left")
+            panels.step_errors(right, steps, *axis).set_title("errors outside fog", loc="left")
         for ax in rest:
-            panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, results.x)
+            panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, *axis)
             ax.set_title("distance to fog", loc="left")
     numbers.legend_below(
         figure, {"failed runs:": _entries(rows[:, 0]), "never arrived, nearest to:": _entries(rows[:, 1])}

@@ -31,7 +31,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     top[0].set_ylabel("loss of a step (nats)")
     handles = losses.step_handles(groups)
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), frameon=False)
-    values = list(dict.fromkeys(last[factor.column]))
+    values = losses.in_order(last[factor.column], names)
     examples = list(dict.fromkeys([values[0], values[len(values) // 2], values[-1]]))
     for cell, (prefix, of_row) in zip(range(1, len(heights)), rows.items(), strict=True):
         bottom = grid[cell].subgridspec(1, len(examples)).subplots(squeeze=False)[0]
