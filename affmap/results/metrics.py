@@ -161,6 +161,11 @@ def places(paths: Trajectories) -> pd.DataFrame:
     return pd.DataFrame({column: compute(paths) for column, compute in PLACES.items()})
 
 
+def table(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:
+    """The places of B runs and some of their metrics, a row each; see `summarise`."""
+    return places(paths).join(summarise(paths, columns))
+
+
 def summarise(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:
     """The metrics of B runs, a row each, in the order of `columns`.
 

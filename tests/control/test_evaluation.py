@@ -50,6 +50,22 @@ def test_a_row_is_a_run_of_a_flight(agents: dict[str, Agent]) -> None:
     assert len(table) == (2 + 1 + 1) * 2 * 2
 
 
+def test_a_registered_metric_is_in_the_tables_of_flights_and_evaluations(
+    agents: dict[str, Agent], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last column of both, by the function itself; also of runs that were flown before."""
+    earlier = affmap.fly(agents["blind"], "original", runs=2, steps=3)
+
+    def effort(paths: files.Trajectories) -> Any:
+        return paths.action.sum(axis=2).mean(axis=1)
+
+    monkeypatch.setitem(metrics.METRICS, "effort", metrics.Metric("effort", "throttles", "open throttles", effort))
+    flown = affmap.fly(agents["blind"], "original", runs=2, steps=3)
+    expected = flown.trajectories["action"].sum(axis=2).mean(axis=1).tolist()
+    for table in (flown.table, earlier.table, affmap.evaluate(agents["blind"], "original", runs=2, steps=3)):
+        assert table.columns[-1] == "effort" and table["effort"].tolist() == expected
+
+
 def test_one_agent_and_one_layout_need_no_names(agents: dict[str, Agent]) -> None:
     """An agent has the name of its planner, another controller its own; an oracle's context size is its model's."""
     table = affmap.evaluate(agents["seeing"], "original", runs=1, steps=1)
