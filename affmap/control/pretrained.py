@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from affmap.control import arguments, saved
 from affmap.control.agent import Agent, ControlSettings
@@ -19,6 +20,7 @@ from affmap.model.weights import WEIGHTS, restore
 from affmap.planning.planner import Planner, is_planner
 from affmap.planning.registry import AnyPlanner
 from affmap.results import manifest, provenance
+from affmap.results.files import VALIDATION, read_validation
 from affmap.settings import ConfigError, Settings
 from affmap.settings.messages import format_value
 from affmap.store.stage import check_file
@@ -64,7 +66,7 @@ def load(
     record = manifest.read(report)
     job = _job(record, report, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
-    stack = _stack(report.parent / "store" / "train", job["train"], members)
+    stack, losses = _trained(report.parent / "store" / "train", job["train"], members)
     first = first_layout(config["control_layout"], members[0])
     with limited(threads):
         lookup = make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map])
@@ -75,6 +77,7 @@ def load(
         ControlSettings.model_validate({"device": "cpu", **config["control"]}),
         first.channels,
         Vehicle.model_validate(config["vehicle"]),
+        losses,
     )
 
 
@@ -209,16 +212,24 @@ def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
     return ModelSettings.checked(values, "the configuration of the models").transition.kind
 
 
-def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:
-    """Load members of a training, or of one of the trainings that its members were divided among."""
+def _trained(store: Path, digests: Sequence[str], members: Sequence[int]) -> tuple[Stack, pd.DataFrame | None]:
+    """Load members of a training, or of one of the trainings that its members were divided among.
+
+    Their losses are None in an installed package, which has only the weights.
+    """
     all_seeds: list[int] = []
     for digest in digests:
-        config = check_file(store / digest, WEIGHTS)["config"]
+        folder = store / digest
+        config = check_file(folder, WEIGHTS)["config"]
         seeds = range(config["seed"], config["seed"] + config["members"])
         if members and all(member in seeds for member in members):
-            settings = ModelSettings.checked(config["model"], str(store / digest))
+            settings = ModelSettings.checked(config["model"], str(folder))
             whole = Stack(settings, len(config["training_layouts"][0]["channels"]), seeds)
-            return restore(whole, store / digest / WEIGHTS).select([seeds.index(member) for member in members])
+            stack = restore(whole, folder / WEIGHTS).select([seeds.index(member) for member in members])
+            if not (folder / VALIDATION).is_file():
+                return stack, None
+            check_file(folder, VALIDATION)
+            return stack, read_validation(folder, members)
         all_seeds += seeds
     raise ConfigError(
         f"members = {[*members]} is not allowed: {store.parent.parent} has {all_seeds}"

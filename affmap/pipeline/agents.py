@@ -30,6 +30,7 @@ from affmap.pipeline.stage import DATA, TRAIN
 from affmap.pipeline.train import make_models, trained
 from affmap.progress import reported, silent
 from affmap.random import generator
+from affmap.results.files import read_validation
 from affmap.settings import ConfigError, Settings, check_folder, lies_in
 from affmap.settings.messages import format_value
 from affmap.store.attempt import Attempt
@@ -127,9 +128,10 @@ def train(
             values["data"] |= {"num_sequences": num_sequences // len(explored), "num_steps": num_steps}
     with TemporaryDirectory() as temporary, limited(threads), displayed(reported if progress else silent):
         config = _config(values, Path(temporary, "store") if folder is None else Path(folder))
-        stack = trained(config, _train(config, existing, Path(temporary)))
+        stage = _train(config, existing, Path(temporary))
+        stack, losses = trained(config, stage), read_validation(stage)
         map_of_first = make_lookup(config.lookup, stack, [config.training_layouts[0].map])
-        return Agent(stack, map_of_first, config.planner, config.control, config.channels, config.vehicle)
+        return Agent(stack, map_of_first, config.planner, config.control, config.channels, config.vehicle, losses)
 
 
 def _train(config: Config, dataset: Path | Arrays | None, temporary: Path) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from commands import jobs
@@ -322,6 +323,17 @@ def test_the_loss_is_shown(swept: tuple[Path, Setting], tmp_path: Path, capsys: 
         *(f"exploration of original: {number} of 4 sequences" for number in (1, 2, 3, 4)),
         *(f"{description}: {epoch} of 2 epochs, validation {loss:.2f} nats" for epoch, loss in losses.items()),
     ]
+
+
+def test_the_agent_knows_the_losses_of_its_training(swept: tuple[Path, Setting], tmp_path: Path) -> None:
+    """Those of the sweep's table, also after it was saved; of the members that are loaded, and in another world."""
+    table = execution.files.read_validation(swept[1].train[0])
+    agent = affmap.train("original", **SETTINGS, folder=swept[0] / "store")
+    agent.save(tmp_path / "mine")
+    for each in (agent, affmap.load(tmp_path / "mine"), agent.elsewhere(agent.lookup.worlds)):
+        pd.testing.assert_frame_equal(each.losses, table, check_exact=True)
+    (alone,) = affmap.load(tmp_path / "mine", members=[1]).losses["member"].unique()
+    assert list(table.columns) == ["member", "epoch", "training_nll", "validation_nll"] and alone == 1
 
 
 def test_a_training_has_the_threads_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
