@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings, check_channels, prediction_error, seeds_of
-from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.oracle import Oracle
-from affmap.env.body import Vehicle
+from affmap.env.body import AnyVehicle, Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, first_layout
 from affmap.env.vehicle import VehicleEnv
@@ -179,7 +178,7 @@ def fly(
             update,
             starts=arguments.places("starts", starts, shape, first, physics.radius),
             goals=arguments.places("goals", goals, shape, first),
-            seed=arguments.seed(seed),
+            seed=arguments.whole("seed", seed),
         )
 
 

@@ -7,11 +7,11 @@ import pandas as pd
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, seeds_of
-from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller
 from affmap.control.episodes import Runs, bring, control
 from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import HalfOracle
+from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, Procedural
 from affmap.progress import reported, silent
@@ -81,7 +81,7 @@ def evaluate(
         for name, agent in named.items():
             physics, settings = arguments.vehicle(agent, vehicle), arguments.settings(agent, runs, steps)
             for place in places:
-                worlds = _worlds(place, agent, settings.runs_per_member, arguments.seed(seed))
+                worlds = _worlds(place, agent, settings.runs_per_member, arguments.whole("seed", seed))
                 show = reported if progress else silent
                 with show(f"{name} in {place.name}", settings.num_steps, "steps", on_terminal_only=True) as update:
                     controller = bring(agent, *worlds)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from affmap.control import arguments, saved
+from affmap.control import saved
 from affmap.control.agent import Agent, ControlSettings
 from affmap.control.episodes import bring
 from affmap.env.body import Vehicle
@@ -22,6 +22,7 @@ from affmap.planning.registry import AnyPlanner
 from affmap.results import manifest, provenance
 from affmap.results.files import VALIDATION, read_validation
 from affmap.settings import ConfigError, Settings
+from affmap.settings.changes import changed
 from affmap.settings.messages import format_value
 from affmap.store.stage import check_file
 from affmap.threads import limited
@@ -241,7 +242,7 @@ def _planner(planner: Planner | Mapping[str, Any] | str | None, default: Mapping
     if is_planner(planner):
         return planner
     origin = f"conf/planner/{planner}.yaml" if isinstance(planner, str) else "load" if planner else "the report"
-    return _Planning.checked({"planner": arguments.changed("planner", default, planner)}, origin).planner
+    return _Planning.checked({"planner": changed("planner", default, planner)}, origin).planner
 
 
 class _Planning(Settings):

@@ -131,5 +131,5 @@ def test_a_mistake_is_told(arguments: tuple[Any, Any], told: str) -> None:
 def test_an_agent_that_cannot_see_a_layout_is_told(agents: dict[str, Agent]) -> None:
     with pytest.raises(ConfigError, match="'fog' has channels"):
         affmap.evaluate(agents, "fog")
-    with pytest.raises(ConfigError, match=r"^flight: runs_per_member = 0 is not allowed"):
+    with pytest.raises(ConfigError, match=r"^runs = 0 is not allowed; give a whole number"):
         affmap.evaluate(agents, "original", runs=0)

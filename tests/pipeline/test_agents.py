@@ -266,6 +266,21 @@ def test_groups_may_be_named_or_given_as_settings(configured: Callable[..., Conf
     assert configured("original", planner={**planner.plain}).planner == planner
 
 
+def test_a_planner_of_another_kind_may_be_given_in_part(configured: Callable[..., Config]) -> None:
+    """Its missing keys are those of the file with its name, as in a call of its class."""
+    config = configured("original", planner={"kind": "gradient", "horizon": 7})
+    assert config.planner == affmap.GradientPlanner(horizon=7)
+
+
+def test_a_key_may_be_given_twice_with_one_value(configured: Callable[..., Config]) -> None:
+    """By an argument and in its group."""
+    gru = {"transition": {"kind": "gru"}, "context_size": 3}
+    config = configured("original", model=gru, context_size=3, transition="gru", epochs=2, training={"num_epochs": 2})
+    assert (config.model.transition.kind, config.model.context_size, config.training.num_epochs) == ("gru", 3, 2)
+    settings = affmap.ModelSettings(**gru)
+    assert configured("original", model=settings, context_size=3, transition={"kind": "gru"}).model == settings
+
+
 def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config]) -> None:
     """As many as asked for, all different; none is the first that a member flies in."""
     rules = Procedural.load("layout", "procedural_easy")
@@ -289,6 +304,22 @@ def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config
         ({"data": {"num_sequences": 0}}, r"num_sequences = 0 is not allowed"),
         ({"planner": "pid"}, r"conf/planner holds: cem, gradient"),
         ({"transition": "lstm"}, r"conf/model/transition holds: gru, mlp"),
+        (
+            {"context_size": 8, "model": {"context_size": 3}},
+            r"^model has context_size = 3, and context_size gives 8; give it once\.$",
+        ),
+        (
+            {"epochs": 2, "training": affmap.TrainingSettings(num_epochs=3)},
+            r"^training has num_epochs = 3, and epochs gives 2; give it once\.$",
+        ),
+        (
+            {"transition": "gru", "model": {"transition": {"kind": "mlp"}}},
+            r"^model has transition = \{'kind': 'mlp'\}, and transition gives \{'kind': 'gru'\}; give it once\.$",
+        ),
+        (
+            {"dataset": ARRAYS, "data": {"num_sequences": 3}},
+            r"^data has num_sequences = 3, and dataset gives 4; give it once\.$",
+        ),
         ({"layouts": []}, r"^train needs layouts to explore, as in affmap\.train\('original'\), or a dataset\.$"),
         ({"layouts": None}, r"^train needs layouts to explore"),
         ({"layouts": 3}, r"^layout = 3 is not allowed"),
