@@ -111,10 +111,15 @@ def register_metric(column: str, metric: Metric) -> None:
         metric: its function, `of_runs`, gets the trajectories of B runs and returns B values.
 
     Raises:
-        ValueError: the name is taken, or no column, or the metric has no function.
+        ValueError: the name is taken, or no column; or the metric is none, or has no function.
     """
+    if not isinstance(metric, Metric):
+        raise ValueError(
+            f"the metric {format_value(column)} is {format_value(metric)}; give affmap.Metric(name, unit, label, "
+            "function), such as affmap.Metric('effort', 'throttles', 'open throttles', effort)."
+        )
     taken = {*_OURS, *PLACES, *LAYOUT_COLUMNS}
-    if not re.fullmatch("[a-z][a-z0-9_]*", column) or column in taken:
+    if not re.fullmatch("[a-z][a-z0-9_]*", str(column)) or column in taken:
         raise ValueError(
             f"the metric {format_value(column)} needs a name of its own, of small letters, digits and _; there are: "
             f"{', '.join(sorted(taken))}."
