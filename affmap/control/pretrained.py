@@ -58,6 +58,11 @@ def load(
             says what there is.
         StoreError: the weights are corrupted.
     """
+    if not isinstance(source, str | Path):
+        raise ConfigError(
+            f"source = {format_value(source)} is not allowed; give a folder, or the name of an experiment, such as "
+            "'exp1'."
+        )
     members = None if members is None else _members(members)
     if saved.is_saved(Path(source)):
         with limited(threads):
@@ -194,7 +199,9 @@ def _job(
     if not sizes:
         raise ConfigError(f"{report} has no models: its store, {report.parent / 'store'}, is not there.")
     if context_size not in sizes:
-        raise ConfigError(f"{report} has models of the context sizes {sizes}, and none of {context_size}.")
+        raise ConfigError(
+            f"{report} has models of the context sizes {sizes}, and none of {format_value(context_size)}."
+        )
     layouts = list(dict.fromkeys(job["layout"] for job in record["jobs"]))
     if layout not in (None, *layouts):
         raise ConfigError(f"{report} has flights in {', '.join(layouts)}, and none in {layout!r}.")

@@ -1,6 +1,6 @@
 """Plots of what happens in the arena: layouts, affordance maps, flights and plans. Lengths are in u."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -103,8 +103,9 @@ def trajectories(runs: "Runs", layout: AnyLayout | None = None, *, ax: Axes | No
         ax: where to draw.
 
     Raises:
-        ConfigError: no run flew in that layout, or they flew in several and none is named.
+        ConfigError: no run flew in that layout, or they flew in several and none is named; or there are no runs.
     """
+    _check(runs)
     world = _world(runs, layout)
     chosen = [index for index, each in enumerate(runs.layouts) if each == world]
     paths = Trajectories(**{key: array[chosen] for key, array in runs.trajectories.items()})
@@ -141,8 +142,9 @@ def plan(
         ax: where to draw.
 
     Raises:
-        ConfigError: there is no such run, step or vehicle.
+        ConfigError: there is no such run, step or vehicle, or there are no runs.
     """
+    _check(runs)
     paths = Trajectories(**runs.trajectories)
     num_runs, num_steps = paths.prediction_error.shape
     for name, value, number in (("index", index, num_runs), ("step", step, num_steps)):
@@ -154,6 +156,18 @@ def plan(
         arena.scene(axes, moment)
         legend_beside(axes, arena.handles([moment]))
     return axes
+
+
+def _check(runs: Any) -> None:
+    """Make sure that runs are those of a flight, and no agent, for instance.
+
+    Raises:
+        ConfigError: they are none.
+    """
+    from affmap.control.episodes import Runs
+
+    if not isinstance(runs, Runs):
+        raise ConfigError(f"runs = {format_value(runs)} is not allowed; give runs of affmap.fly.")
 
 
 def _world(runs: "Runs", layout: AnyLayout | None) -> Layout:

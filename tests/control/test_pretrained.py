@@ -129,6 +129,8 @@ def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
         ({"source": "exp9"}, "exp9 is neither the folder of .* exp1, exp2, exp3, exp4, exp5"),
         ({"source": ran}, "is neither the folder"),
+        ({"source": 3}, r"^source = 3 is not allowed; give a folder, or the name of an experiment, such as 'exp1'\.$"),
+        ({"source": ran / "output", "context_size": "1"}, r"and none of '1'\.$"),
         ({"source": ran / "output", "context_size": 3}, r"has models of the context sizes \[0, 1\], and none of 3"),
         ({"source": ran / "output", "context_size": 1, "members": (0, 1)}, r"members = \[0, 1\] .* one job only"),
         ({"source": "exp1", "members": (25,)}, r"members = \[25\] is not allowed"),

@@ -156,6 +156,13 @@ def test_a_plan_shows_the_vehicle_that_flew() -> None:
         assert isinstance(vehicle, Ellipse) and vehicle.width == pytest.approx(2 * radius)
 
 
+def test_something_else_than_runs_is_told() -> None:
+    agent = Agent(make_stack(0), ExactLookup(make_stack(0), [ORIGINAL.map]), PLANNER, SETTINGS)
+    for draw in (affmap.plot.trajectories, affmap.plot.plan):
+        with pytest.raises(ConfigError, match=r"^runs = Agent\(.* is not allowed; give runs of affmap\.fly\.$"):
+            draw(agent)  # type: ignore[operator]
+
+
 def test_flights_can_be_drawn_as_they_come() -> None:
     """Runs of an untrained agent: as many paths as runs, each as long as the flight."""
     stack = make_stack(3, seeds=(4,))
