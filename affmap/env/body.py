@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from affmap.settings import Count, Length, NonNegative, Positive, Settings
+from affmap.settings import Count, Length, NonNegative, Positive, Settings, read
+from affmap.settings.changes import changed
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
@@ -79,12 +80,18 @@ class Vehicle(Settings, defaults="vehicle/default"):
         return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * scale
 
 
-def load(vehicle: Vehicle | Mapping[str, Any] | str) -> Vehicle:
-    """A vehicle: as it is, from its keys and values, or by its name in `conf/vehicle`.
+AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
+"""Physical constants; or some of their keys and values; or the name of their file in `conf/vehicle`."""
+
+
+def load(vehicle: AnyVehicle) -> Vehicle:
+    """A vehicle: as it is, by its name in `conf/vehicle`, or from keys and values; others are those of `default`.
 
     Raises:
         ConfigError: there is no such file, or a value is not allowed.
     """
     if isinstance(vehicle, str):
         return Vehicle.load("vehicle", vehicle)
-    return vehicle if isinstance(vehicle, Vehicle) else Vehicle.checked(vehicle, "vehicle")
+    if isinstance(vehicle, Vehicle):
+        return vehicle
+    return Vehicle.checked(changed("vehicle", read("vehicle", "default"), vehicle), "vehicle")

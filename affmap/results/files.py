@@ -59,9 +59,10 @@ def write_validation(folder: Path, table: pd.DataFrame) -> None:
     table.to_csv(folder / VALIDATION, index=False, float_format="%.6f")
 
 
-def read_validation(folder: Path) -> pd.DataFrame:
-    """Read losses, a row for each member and epoch, columns `VALIDATION_COLUMNS`."""
-    return _read_table(folder / VALIDATION, VALIDATION_COLUMNS)[VALIDATION_COLUMNS]
+def read_validation(folder: Path, members: Sequence[int] | None = None) -> pd.DataFrame:
+    """Read losses of some members, or of all: a row for each and each epoch, columns `VALIDATION_COLUMNS`."""
+    table = _read_table(folder / VALIDATION, VALIDATION_COLUMNS)[VALIDATION_COLUMNS]
+    return table if members is None else table[table["member"].isin(members)].reset_index(drop=True)
 
 
 KINDS = ("free", "touching", "entering", "inside", "leaving")

@@ -156,13 +156,15 @@ class Settings(BaseModel):
         return self.model_dump(mode="json", context=_COMPLETE)
 
     @classmethod
-    def load(cls, group: str, name: str, **changes: Any) -> Self:
+    def load(cls, group: str, name: str, /, **changes: Any) -> Self:
         """Settings of `conf/<group>/<name>.yaml`, with some values replaced by `changes`.
 
         Raises:
             ConfigError: there is no such file, or a value is not allowed.
         """
-        return cls.checked({**read(group, name), **changes}, origin=f"conf/{group}/{name}.yaml")
+        call = f"{cls.__name__}.load"
+        origins = dict.fromkeys([*changes, ""], call) if changes else {}  # "" is of checks of several keys
+        return cls.checked({**read(group, name), **changes}, f"conf/{group}/{name}.yaml", origins)
 
     @classmethod
     def checked(cls, values: Mapping[str, Any], origin: str, origins: Mapping[str, str] | None = None) -> Self:
@@ -269,9 +271,10 @@ def read(group: str, name: str) -> dict[str, Any]:
         ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is too
             large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
     """
-    if not re.fullmatch(NAME, name):
+    if not re.fullmatch(NAME, name) or name.endswith(".yaml"):
         raise ConfigError(
-            f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {', '.join(names(group))}."
+            f"{format_value(name)} cannot be the name of a file in conf/{group}, which is given without folder and "
+            f"ending; {alternatives(Path(name).stem, names(group), f'conf/{group} holds')}"
         )
     if not (path := find(group, name)):
         holds = alternatives(name, names(group), f"conf/{group} holds")
