@@ -17,7 +17,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import check_effect
 from affmap.lazy import notebook
-from affmap.settings import Length, Line, Name, Neutral, Number, Settings
+from affmap.settings import Length, Line, Name, Neutral, Number, Settings, preset
 from affmap.view import VisibleLayout
 
 EffectName = Annotated[str, AfterValidator(check_effect)]
@@ -72,7 +72,7 @@ class Arena(Settings):
     """Distance of the corner squares to the borders, u."""
     start_side: Length
     """Side of the corner squares, u."""
-    acts: Annotated[Acts, Neutral("rim")]
+    acts: Annotated[Acts, Neutral("rim")] = preset()
     """When fog and force fields act; obstacles act by touch."""
 
     @model_validator(mode="after")

@@ -21,6 +21,7 @@ from typing import Any, ClassVar, Self, get_type_hints
 from pydantic import (
     BaseModel,
     ConfigDict,
+    Field,
     SerializationInfo,
     SerializerFunctionWrapHandler,
     ValidationError,
@@ -42,6 +43,17 @@ class Neutral:
     """
 
     value: Any
+
+
+def preset(**options: Any) -> Any:
+    """The value of a key that a call may leave out, because the class's file has one, or it is neutral.
+
+    `horizon: Count = preset()` says so to type checkers and editors; a configuration that is read must have the key.
+
+    Args:
+        options: those of pydantic's `Field`, without a default.
+    """
+    return Field(**options)
 
 
 _COMPLETE = "complete"
@@ -67,7 +79,8 @@ class Settings(BaseModel):
     """Frozen, typed settings; unknown keys, NaN and infinities are errors.
 
     `class CEMPlanner(Settings, defaults="planner/cem")` names the file of `conf/` that a call in Python takes missing
-    keys from, as in `CEMPlanner(num_iterations=10)`. Without a file, a call gives all keys.
+    keys from, as in `CEMPlanner(num_iterations=10)`. Without a file, a call gives all keys. Its fields are `preset()`,
+    so that type checkers know.
     """
 
     model_config = ConfigDict(
