@@ -1,11 +1,18 @@
 """Types and signatures of public names, as type checkers, editors and `help` show them."""
 
 import importlib.resources
+import inspect
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import pytest
+
+import affmap
 
 ROOT = Path(__file__).parents[1]
 
@@ -75,3 +82,25 @@ def test_a_type_checker_knows_calls_and_their_mistakes(tmp_path: Path) -> None:
 def test_types_come_with_the_installed_package() -> None:
     """PEP 561: without this file, checkers ignore the types of a package."""
     assert (importlib.resources.files("affmap") / "py.typed").is_file()
+
+
+def called(name: str, public: Any) -> Iterator[tuple[str, Any]]:
+    """Name -> what a user calls by it: a function, a class and its public methods, or all of these in a folder."""
+    if inspect.isfunction(public):
+        yield name, public
+    elif inspect.isclass(public) and not issubclass(public, Exception):
+        yield name, public
+        for method, function in inspect.getmembers(public, inspect.isroutine):
+            if method[0] != "_" and (function.__module__ or "").startswith("affmap."):
+                yield f"{name}.{method}", function
+    for inner in getattr(public, "__all__", ()):
+        yield from called(f"{name}.{inner}", getattr(public, inner))
+
+
+@pytest.mark.parametrize("name", affmap.__all__)
+def test_signatures_can_be_read(name: str) -> None:
+    """Types have the names that they have in the source: no modules, nothing that an alias stands for, no limits."""
+    walls = r"affmap\.|collections\.|typing\.|numpy\.|pandas\.|pathlib\.|torch\._|Annotated|Union\[|Optional\["
+    for each, function in called(name, getattr(affmap, name)):
+        signature = str(inspect.signature(function))
+        assert not re.search(walls, signature), f"{each}{signature}"

@@ -1,8 +1,10 @@
 """Arguments of flights that are started from Python: checked, and their defaults by the agent."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,16 +14,13 @@ from affmap.control.controller import Controller
 from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import Oracle
 from affmap.control.settings import ControlSettings
-from affmap.env.body import Vehicle
+from affmap.env.body import AnyVehicle, Vehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, Procedural
 from affmap.env.procedural import load as load_layout
 from affmap.settings import ConfigError, Settings, read
 from affmap.settings.messages import format_value
-
-AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
-"""Physical constants; or their keys and values; or the name of their file in `conf/vehicle`."""
 
 
 def layouts(given: AnyLayout | Sequence[AnyLayout]) -> list[Layout | Procedural]:

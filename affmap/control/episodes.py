@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings, check_channels, prediction_error, seeds_of
-from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.oracle import Oracle
-from affmap.env.body import Vehicle
+from affmap.env.body import AnyVehicle, Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, first_layout
 from affmap.env.vehicle import VehicleEnv

@@ -1,5 +1,7 @@
 """Agents compared in layouts: a tidy table with a row for each run."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -7,11 +9,11 @@ import pandas as pd
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, seeds_of
-from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller
 from affmap.control.episodes import bring, control
 from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import HalfOracle
+from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, Procedural
 from affmap.progress import reported, silent

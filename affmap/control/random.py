@@ -1,5 +1,7 @@
 """An agent with random throttles, as a baseline by chance."""
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np

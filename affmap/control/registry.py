@@ -1,5 +1,7 @@
 """Registry of the agents that a configuration can name: those of this folder and those registered by others."""
 
+from __future__ import annotations
+
 from typing import Annotated, Literal, Protocol
 
 from pydantic import PlainValidator
@@ -48,7 +50,7 @@ class OracleSettings(Settings, defaults="agent/oracle"):
     """Standard deviation of a true step outside fog, u."""
 
 
-def is_learned(agent: "AgentSettings | OracleSettings | ConfiguredController") -> bool:
+def is_learned(agent: AgentSettings | OracleSettings | ConfiguredController) -> bool:
     """Whether an agent imagines with a trained model, wholly or in part."""
     return isinstance(agent, AgentSettings) or (isinstance(agent, OracleSettings) and agent.kind != "oracle")
 

@@ -1,5 +1,7 @@
 """An agent that flies straight ahead, as a baseline without perception."""
 
+from __future__ import annotations
+
 from typing import Annotated, Literal
 
 from pydantic import Field

@@ -1,5 +1,7 @@
 """The numbers of exploration, apart from the code that needs the environment (which takes a second to import)."""
 
+from __future__ import annotations
+
 from typing import Self
 
 from pydantic import model_validator

@@ -1,8 +1,10 @@
 """The vehicle as data: its throttles and physical constants, within the limits of Box2D, which is not imported."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -79,7 +81,11 @@ class Vehicle(Settings, defaults="vehicle/default"):
         return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * scale
 
 
-def load(vehicle: Vehicle | Mapping[str, Any] | str) -> Vehicle:
+AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
+"""Physical constants; or their keys and values; or the name of their file in `conf/vehicle`."""
+
+
+def load(vehicle: AnyVehicle) -> Vehicle:
     """A vehicle: as it is, from its keys and values, or by its name in `conf/vehicle`.
 
     Raises:

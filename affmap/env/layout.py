@@ -4,6 +4,8 @@ The effect of a circle and its look (its channel of the view) are separate. A la
 `conf/layout` holds the fixed ones.
 """
 
+from __future__ import annotations
+
 import math
 from abc import abstractmethod
 from collections import Counter

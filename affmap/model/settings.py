@@ -1,5 +1,7 @@
 """Settings of models and look-ups, in a module without torch, which takes seconds to import."""
 
+from __future__ import annotations
+
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator

@@ -1,5 +1,7 @@
 """Agents trained by one call in Python, with the stages of a sweep: exploration, training, and an agent that flies."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +16,9 @@ from affmap.config.compose import values as plain_values
 from affmap.config.root import Config
 from affmap.control import arguments
 from affmap.control.agent import Agent
-from affmap.control.arguments import AnyVehicle
 from affmap.control.pretrained import reference
 from affmap.data.collect import write_dataset
+from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout
 from affmap.model.lookup import make_lookup

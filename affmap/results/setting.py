@@ -3,6 +3,8 @@
 A report groups by two keys, its factors: one on the x axis, one by colour.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

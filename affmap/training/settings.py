@@ -1,5 +1,7 @@
 """Settings of training, in a module without Lightning, which takes seconds to import."""
 
+from __future__ import annotations
+
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Tag, model_validator

@@ -77,7 +77,7 @@ def _signature(name: str) -> str:
     """The signature of a class, a line for each argument."""
     module, _, kind = name.rpartition(".")
     parameters = inspect.signature(getattr(import_module(module), kind)).parameters.values()
-    lines = [f"    {re.sub(r'affmap[.][a-z_.]+', '', str(parameter))}," for parameter in parameters]
+    lines = [f"    {parameter}," for parameter in parameters]
     return "\n".join([f"{kind}(", "    *,", *lines, ")"])
 
 
