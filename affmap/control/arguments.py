@@ -1,5 +1,7 @@
 """Arguments of flights that are started from Python: checked, and their defaults by the agent."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from typing import Any

@@ -1,5 +1,7 @@
 """Agents compared in layouts: a tidy table with a row for each run."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Mapping, Sequence
 

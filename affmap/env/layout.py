@@ -4,6 +4,8 @@ The effect of a circle and its look (its channel of the view) are separate. A la
 `conf/layout` holds the fixed ones.
 """
 
+from __future__ import annotations
+
 import math
 from abc import abstractmethod
 from collections import Counter
@@ -17,7 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import check_effect
 from affmap.lazy import notebook
-from affmap.settings import ConfigError, Length, Line, Name, Neutral, Number, Settings
+from affmap.settings import ConfigError, Length, Line, Name, Neutral, Number, Settings, preset
 from affmap.settings.messages import format_value
 from affmap.view import VisibleLayout
 
@@ -78,7 +80,7 @@ class Arena(Settings):
     """Distance of the corner squares to the borders, u."""
     start_side: Length
     """Side of the corner squares, u."""
-    acts: Annotated[Acts, Neutral("rim")]
+    acts: Annotated[Acts, Neutral("rim")] = preset()
     """When fog and force fields act; obstacles act by touch."""
 
     @model_validator(mode="after")

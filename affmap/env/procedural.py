@@ -11,6 +11,8 @@ the smallest number, radii are uniform up to a limit that hardly exceeds the sma
 Circles that need not keep the gap are never pushed, shrunk or removed: they are as the paper draws them.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, TypeAlias

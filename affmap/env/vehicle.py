@@ -1,5 +1,7 @@
 """The vehicle as a Gymnasium environment: observations, actions, rewards. Knows no models and no planners."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """Agents trained by one call in Python, with the stages of a sweep: exploration, training, and an agent that flies."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Plots of what happens in the arena: layouts, affordance maps, flights and plans. Lengths are in u."""
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,7 +53,7 @@ def layout(layout: AnyLayout, *, vehicle: AnyVehicle | None = None, ax: Axes | N
     return axes
 
 
-def affordance_map(source: "Agent | AffordanceMap", *, index: int = 0, ax: Axes | None = None) -> Axes:
+def affordance_map(source: Agent | AffordanceMap, *, index: int = 0, ax: Axes | None = None) -> Axes:
     """Draw an affordance map: the codes' first three principal components as red, green and blue, circles outlined.
 
     Args:
@@ -75,7 +77,7 @@ def affordance_map(source: "Agent | AffordanceMap", *, index: int = 0, ax: Axes 
     return axes
 
 
-def map_of(source: "Agent | AffordanceMap") -> "AffordanceMap":
+def map_of(source: Agent | AffordanceMap) -> AffordanceMap:
     """The map of an agent; for one that looks up codes exactly, a map as fine as those of reports is painted.
 
     Raises:
@@ -94,7 +96,7 @@ def map_of(source: "Agent | AffordanceMap") -> "AffordanceMap":
     raise ConfigError(f"{type(source).__name__} has no affordance map; give a map, or an agent with a trained model.")
 
 
-def trajectories(runs: "Runs", layout: AnyLayout | None = None, *, ax: Axes | None = None) -> Axes:
+def trajectories(runs: Runs, layout: AnyLayout | None = None, *, ax: Axes | None = None) -> Axes:
     """Draw the paths of runs in their layout, coloured by the number of the run.
 
     Args:
@@ -130,7 +132,7 @@ def trajectories(runs: "Runs", layout: AnyLayout | None = None, *, ax: Axes | No
 
 
 def plan(
-    runs: "Runs", index: int = 0, step: int = 0, *, vehicle: AnyVehicle | None = None, ax: Axes | None = None
+    runs: Runs, index: int = 0, step: int = 0, *, vehicle: AnyVehicle | None = None, ax: Axes | None = None
 ) -> Axes:
     """Draw the plan of a step: imagined positions with their uncertainty, the way there, vehicle and goal.
 
@@ -170,7 +172,7 @@ def _check(runs: Any) -> None:
         raise ConfigError(f"runs = {format_value(runs)} is not allowed; give runs of affmap.fly.")
 
 
-def _world(runs: "Runs", layout: AnyLayout | None) -> Layout:
+def _world(runs: Runs, layout: AnyLayout | None) -> Layout:
     """The layout to draw, of those that the runs flew in."""
     flown = list(dict.fromkeys(runs.layouts))
     if layout is None and len(flown) == 1:

@@ -1,5 +1,7 @@
 """Plots of tables: losses of training and metrics of control. A table may be that of a report."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -159,7 +161,7 @@ def _factor(column: str) -> Factor:
     return {factor.column: factor for factor in FACTORS.values()}.get(column) or Factor(column, column, label, label)
 
 
-def _names(column: "pd.Series[Any]", factor: Factor) -> dict[Value, str]:
+def _names(column: pd.Series[Any], factor: Factor) -> dict[Value, str]:
     """Value -> its name for readers, of all values in a column: numbers ascend, others come as they do in the table."""
     settings = ReportSettings.load("report", "default")
     values = column.unique().tolist()

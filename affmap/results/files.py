@@ -6,6 +6,8 @@ corrupted, and execute nothing in it. The data set has its reader in `affmap.dat
 `affmap.model.weights`.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -133,12 +135,12 @@ class Maps(NamedTuple):
     """`[M]`."""
 
     @property
-    def untrained(self) -> "Maps":
+    def untrained(self) -> Maps:
         """The members' maps before training."""
         return self._replace(codes=self.initial_codes)
 
     @property
-    def snapshots(self) -> dict[int, "Maps"]:
+    def snapshots(self) -> dict[int, Maps]:
         """Epoch -> the members' maps after it."""
         return {int(e): self._replace(codes=codes) for e, codes in zip(self.epochs, self.snapshot_codes, strict=True)}
 

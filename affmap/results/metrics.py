@@ -4,10 +4,13 @@ A new metric needs nothing but an entry, here or from users. Reports of older re
 that a stored table lacks is computed when the table is read.
 """
 
+from __future__ import annotations
+
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple, TypeAlias
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -23,7 +26,8 @@ Column: TypeAlias = NDArray[Any] | pd.Series
 """`[B]`, a value for each run."""
 
 
-class Metric(NamedTuple):
+@dataclass(frozen=True)
+class Metric:
     """A column of the tables."""
 
     name: str

@@ -5,6 +5,8 @@ environment variable AFFMAP_IMPORT, for modules of the current folder. Workers o
 configuration or a stored file names kinds only, never a module.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 import sys

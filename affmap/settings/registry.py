@@ -1,5 +1,7 @@
 """Settings of several kinds that a configuration chooses from by their key `kind`."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module

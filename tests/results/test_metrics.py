@@ -1,6 +1,7 @@
 """The register of metrics; that one shows in reports is tested in `tests/cli/test_extensions.py`."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,6 @@ def test_something_else_than_a_metric_is_refused(wrong: Any) -> None:
 
 def test_a_metric_that_cannot_be_computed_later_is_refused() -> None:
     metric = Metric("effort", "throttles", "open throttles", effort)
-    for wrong in (metric._replace(of_runs=None), metric._replace(stored=True)):
+    for wrong in (replace(metric, of_runs=None), replace(metric, stored=True)):
         with pytest.raises(ValueError, match="'effort' needs a function of trajectories"):
             register_metric("effort", wrong)
