@@ -23,7 +23,7 @@ from affmap.cli.app import (
     read_jobs,
     read_sweep,
 )
-from affmap.cli.processes import end_with_parent, interruption, sigterm_ends_process
+from affmap.cli.processes import sigint_spares_workers, end_with_parent, interruption, sigterm_ends_process
 from affmap.config import sweep
 from affmap.config.compose import compose, num_workers
 from affmap.config.root import Config, plain
@@ -193,7 +193,8 @@ def _launch(arguments: list[str]) -> list[str]:
     named = f"hydra.job.config.override_dirname.exclude_keys={json.dumps(fixed)}"  # log lines name the others
     original, sys.argv[1:] = sys.argv[1:], [*arguments, named]
     try:
-        _job()
+        with sigint_spares_workers():
+            _job()
     except (HydraException, MachineError):  # a sentence already
         raise
     except Exception as error:
