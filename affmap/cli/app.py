@@ -13,7 +13,7 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from affmap.cli.processes import Terminated, interruption, kill_workers, sigterm_ends_process
-from affmap.config import sweep
+from affmap.config.notes import expand_folder
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import MachineError, check_members, check_report
@@ -121,7 +121,7 @@ def read_jobs(arguments: Sequence[str]) -> Search | Sweep:
     Raises:
         ConfigError: a value is not allowed, or there is no such folder; the message gives a remedy.
     """
-    overrides = sweep.expand_folder(arguments)
+    overrides = expand_folder(arguments)
     return Search.read(overrides) or read_sweep(overrides)
 
 

@@ -24,8 +24,9 @@ from affmap.cli.app import (
     read_sweep,
 )
 from affmap.cli.processes import sigint_spares_workers, end_with_parent, interruption, sigterm_ends_process
-from affmap.config import sweep
 from affmap.config.compose import compose, num_workers
+from affmap.config.notes import expand_folder, write_note
+from affmap.config.overrides import is_sweep, keys, without_sweeps
 from affmap.config.root import Config, plain
 from affmap.config.search import IRRELEVANT, OtherSearch, Search
 from affmap.config.sweep import Sweep
@@ -70,7 +71,7 @@ def _check(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    overrides = sweep.expand_folder(arguments)
+    overrides = expand_folder(arguments)
     if other := OtherSearch.read(overrides):
         _run_other_search(other)
         return
@@ -91,7 +92,7 @@ def _run_search(search: Search) -> None:
     check_output(search.config.output, ())
     print(f"{search.config.name}: {search.num_complete} of {search.num_trials} trials are complete.", flush=True)
     check_logger(search.config)
-    sweep.write_note(search.config.output, search.overrides)
+    write_note(search.config.output, search.overrides)
     irrelevant = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
     search.folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -139,7 +140,7 @@ def _run_sweep(jobs: Sweep) -> None:
     check_locks(first.store)
     for kind in agents_without_models(jobs.configs):
         print(f"agent={kind} flies without a model; the models are trained for the losses and maps of its report only.")
-    sweep.write_note(first.output, jobs.overrides)
+    write_note(first.output, jobs.overrides)
     with _progress(jobs) as arguments:
         problem = _launch(arguments)
         while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):
@@ -161,10 +162,10 @@ def _progress(jobs: Sweep) -> Iterator[list[str]]:
 
     One worker, or a single job, shows the progress of its stages itself.
     """
-    if not sweep.is_sweep(jobs.overrides):
+    if not is_sweep(jobs.overrides):
         yield [*jobs.overrides]
         return
-    composed = compose([line for line in jobs.overrides if not sweep.is_sweep([line])])
+    composed = compose(without_sweeps(jobs.overrides))
     workers, arguments = num_workers(composed), ["-m", *jobs.overrides]
     if workers == 1 or len(jobs.configs) == 1:
         yield arguments
@@ -189,7 +190,7 @@ def _run_companions(jobs: Sweep) -> None:
 def _launch(arguments: list[str]) -> list[str]:
     """Let Hydra run the jobs of a command line; returns an error of its launcher as a sentence, if there is one."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise exceptions rather than print them
-    fixed = sweep.fixed_keys([each for each in arguments if each not in MULTIRUN])
+    fixed = keys(without_sweeps(each for each in arguments if each not in MULTIRUN))
     named = f"hydra.job.config.override_dirname.exclude_keys={json.dumps(fixed)}"  # log lines name the others
     original, sys.argv[1:] = sys.argv[1:], [*arguments, named]
     try:
