@@ -16,7 +16,8 @@ from affmap.cli.processes import Terminated, interruption, kill_workers, sigterm
 from affmap.config.notes import expand_folder
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
-from affmap.pipeline.job import MachineError, check_members, check_report
+from affmap.pipeline.job import check_members, check_report
+from affmap.pipeline.machine import MachineError
 from affmap.settings.messages import ConfigError, nearest, one_line, printable
 from affmap.store.files import FULL_DISK, locked
 from affmap.store.stage import StoreError

@@ -8,23 +8,16 @@ import logging
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from affmap.cli.app import (
-    MULTIRUN,
-    SweepError,
-    command,
-    flags,
-    read_jobs,
-    read_sweep,
-)
-from affmap.cli.processes import sigint_spares_workers, end_with_parent, interruption, sigterm_ends_process
-from affmap.config.compose import compose, num_workers
+from affmap.cli.app import MULTIRUN, SweepError, command, flags, read_jobs, read_sweep
+from affmap.cli.processes import end_with_parent, interruption, sigint_spares_workers, sigterm_ends_process
+from affmap.config.compose import compose, num_workers, runs_here
 from affmap.config.notes import expand_folder, write_note
 from affmap.config.overrides import is_sweep, keys, without_sweeps
 from affmap.config.root import Config, plain
@@ -32,16 +25,17 @@ from affmap.config.search import IRRELEVANT, OtherSearch, Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
 from affmap.pipeline.job import (
-    MachineError,
     agents_without_models,
     all_stages,
-    check_logger,
     check_models,
     check_trials,
     find,
+    incomplete,
     is_complete,
 )
+from affmap.pipeline.machine import MachineError, check_devices, check_logger
 from affmap.pipeline.progress import follow
+from affmap.pipeline.stage import CONTROL, TRAIN
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
 from affmap.store.files import check_locks, locked
@@ -91,7 +85,8 @@ def _run_search(search: Search) -> None:
     """
     check_output(search.config.output, ())
     print(f"{search.config.name}: {search.num_complete} of {search.num_trials} trials are complete.", flush=True)
-    check_logger(search.config)
+    if search.num_complete < search.num_trials:
+        _check_machine([search.config], search.fixed)
     write_note(search.config.output, search.overrides)
     irrelevant = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
     search.folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +107,7 @@ def _run_other_search(search: OtherSearch) -> None:
         SweepError: it has failed.
     """
     check_output(search.config.output, ())
-    check_logger(search.config)
+    _check_machine([search.config], search.overrides)
     if problem := _launch(["-m", *search.overrides]):
         raise SweepError("\n".join(problem))
     print(f"{search.config.name}: the search is complete; {search.folder} holds what {search.sweeper} has found.")
@@ -136,7 +131,7 @@ def _run_sweep(jobs: Sweep) -> None:
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
-        check_logger(config)
+    _check_machine(jobs.configs, jobs.overrides)
     check_locks(first.store)
     for kind in agents_without_models(jobs.configs):
         print(f"agent={kind} flies without a model; the models are trained for the losses and maps of its report only.")
@@ -154,6 +149,19 @@ def _run_sweep(jobs: Sweep) -> None:
         raise SweepError("\n".join([*lines, more]))
     _run_companions(jobs)
     print(f"{first.name}: all {count} settings are complete.")
+
+
+def _check_machine(configs: Sequence[Config], overrides: Sequence[str]) -> None:
+    """Make sure that this machine has what jobs need before the first one starts; those of a cluster find out there.
+
+    Raises:
+        MachineError: a package or a GPU is missing.
+    """
+    is_here = runs_here(compose(without_sweeps(overrides)))
+    for config in configs:
+        check_logger(config)
+        planned = [TRAIN] if config.objective == "validation_nll" else [TRAIN, CONTROL]
+        check_devices(config, incomplete(config, planned) if is_here else [])
 
 
 @contextmanager
@@ -227,8 +235,8 @@ def _job(composed: DictConfig) -> float | list[float] | None:
         if interruption(error):
             raise
         is_sentence = isinstance(error, (ConfigError, MachineError, StoreError))
-        message = "This job failed: %s Run the same command again to resume."
-        log.error(message, str(error).rstrip(".") + ".", exc_info=not is_sentence)
+        remedy = "" if is_sentence else " Run the same command again to resume."
+        log.error("This job failed: %s.%s", str(error).rstrip("."), remedy, exc_info=not is_sentence)
         if composed.get("objective"):
             raise
     return None

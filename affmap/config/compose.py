@@ -121,6 +121,11 @@ def launch_settings(composed: Any) -> dict[str, Any]:
         return {**settings, WORKERS: OmegaConf.select(composed, WORKERS, default=1)}
 
 
+def runs_here(composed: Any) -> bool:
+    """Whether Hydra's launcher runs the jobs on this machine, and on no other of a cluster."""
+    return composed.hydra.runtime.choices["hydra/launcher"] in ("basic", "joblib")
+
+
 def num_workers(composed: Any) -> int:
     """The number of jobs that Hydra's launcher runs at the same time on this machine."""
     import joblib  # takes a fifth of a second to import

@@ -21,7 +21,7 @@ import torch
 import yaml
 from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, line
 
-import affmap.pipeline.job
+import affmap.pipeline.machine
 from affmap import pipeline
 from affmap.cli import app, paper, publish, report, status
 from affmap.config.search import Search
@@ -32,8 +32,7 @@ from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import Stack
 from affmap.model.weights import restore
 from affmap.pipeline.completed import completed
-from affmap.pipeline.execution import check_devices
-from affmap.pipeline.job import MachineError
+from affmap.pipeline.machine import MachineError, check_devices
 from affmap.pipeline.stage import CONTROL, TRAIN
 from affmap.play import render, window
 from affmap.random import generator
@@ -506,7 +505,7 @@ def test_a_missing_logger_is_reported_before_anything_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str], logger: str
 ) -> None:
     """One sentence with the remedy."""
-    monkeypatch.setattr(affmap.pipeline.job, "find_spec", lambda name: None)
+    monkeypatch.setattr(affmap.pipeline.machine, "find_spec", lambda name: None)
     assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), f"logger={logger}"]) == 2
     message = capsys.readouterr().err
     assert re.fullmatch(rf"logger = '{logger}' needs .*: pip install \"{logger}.*\", or say logger=csv\.\n", message)
@@ -526,24 +525,37 @@ def no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 
 NO_GPU = [
     ("control.device=cuda", "control.device = 'cuda': PyTorch finds no CUDA GPU here; say control.device=cpu"),
-    ("training.accelerator=gpu", "training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator="),
+    (
+        "training.accelerator=gpu",
+        "training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator=cpu",
+    ),
 ]
 
 
 @pytest.mark.usefixtures("no_gpu")
-def test_a_missing_gpu_is_reported_at_the_start_of_a_job(
+def test_a_missing_gpu_is_reported_before_anything_runs(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before anything is explored, with the reason in the status; a job whose stages are complete needs none."""
+    """One sentence for all jobs; those whose stages are complete need none."""
     for overrides, message in NO_GPU:
-        assert in_process(monkeypatch, "affmap", line(tmp_path, overrides)) == 1
-        captured = capsys.readouterr()
-        assert message in captured.out and "Traceback" not in captured.out
-        assert f"the only setting: MachineError: {message}" in captured.err
+        assert in_process(monkeypatch, "affmap", line(tmp_path, *SWEEP, overrides)) == 2
+        assert capsys.readouterr().err == f"{message}.\n"
+        assert in_process(monkeypatch, "affmap", line(swept, *SWEEP, overrides)) == 0
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_gpu")
+def test_a_missing_gpu_of_another_machine_is_reported_at_the_start_of_a_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is explored, with the reason in the status."""
+    for overrides, message in NO_GPU:
+        (config,) = jobs(tmp_path, overrides)
+        with pytest.raises(MachineError, match=re.escape(message)):
+            pipeline.run(config)
         assert [path.name for path in (tmp_path / "store").glob("*/*.partial/*")] == ["unfinished"]
         assert in_process(monkeypatch, "affmap-status", line(tmp_path, overrides)) == 0
         assert message in capsys.readouterr().out
-        assert in_process(monkeypatch, "affmap", line(swept, *SWEEP, overrides)) == 0
 
 
 @pytest.mark.usefixtures("no_gpu")
@@ -551,8 +563,11 @@ def test_a_missing_gpu_stops_a_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is no failure of the trials, none of which is kept, however many may fail; its sentence is all that is said
-    on stderr."""
+    on stderr. Here, before anything runs, and on a cluster, in the first trial."""
     asked = line(tmp_path, "search=training", "training.accelerator=gpu", "hydra.sweeper.num_trials=4")
+    assert in_process(monkeypatch, "affmap", asked) == 2
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr("affmap.cli.run.runs_here", lambda composed: False)
     for allowed in (0, 9):
         assert in_process(monkeypatch, "affmap", [*asked, f"hydra.sweeper.max_failures={allowed}"]) == 2
         message = "training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator=cpu."
