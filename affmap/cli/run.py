@@ -15,6 +15,7 @@ import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
+from affmap.cli import help
 from affmap.cli.app import MULTIRUN, SweepError, command, flags, read_jobs, read_sweep
 from affmap.cli.processes import end_with_parent, interruption, sigint_spares_workers, sigterm_ends_process
 from affmap.config.compose import compose, num_workers, runs_here
@@ -44,16 +45,18 @@ from hydra_plugins.hyperopt_sweeper import TrialError
 
 log = logging.getLogger("affmap")
 
-HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
+HYDRA = {"--hydra-help", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
 """Hydra's flags that print something and run nothing."""
 
 
 def main() -> None:
     """`affmap`: run the incomplete jobs of a sweep, or the missing trials of a search."""
-    printing = HYDRA & {flag.partition("=")[0] for flag in flags()}
-    if printing & {"--cfg", "-c"}:
-        command(_check, known=flags())
-    if printing:
+    given = {flag.partition("=")[0] for flag in flags()}
+    if given & {"--help", "-h"}:
+        command(lambda _: print(help.text()), known=flags())
+    elif given & HYDRA:
+        if given & {"--cfg", "-c"}:
+            command(_check, known=flags())
         command(lambda _: _job(), known=flags())
     else:
         command(_run)
@@ -65,6 +68,8 @@ def _check(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> None:
+    if not arguments:
+        raise ConfigError(help.SHORT)
     overrides = expand_folder(arguments)
     if other := OtherSearch.read(overrides):
         _run_other_search(other)

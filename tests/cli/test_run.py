@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
@@ -23,7 +24,7 @@ from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, 
 
 import affmap.pipeline.machine
 from affmap import pipeline
-from affmap.cli import app, paper, publish, report, status
+from affmap.cli import app, paper, publish, report, run, status
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.env import Layout
@@ -728,7 +729,7 @@ def test_flags_are_not_swallowed(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--help"], "planner: cem, gradient"),
+        (["--hydra-help"], "--multirun"),
         (["experiment=exp1", "model.context_size=3", "--cfg", "job"], "context_size: 3"),
     ],
 )
@@ -746,7 +747,40 @@ def test_hydra_s_own_flags(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("module", [paper, publish, report, status, render, window])
+def test_affmap_without_arguments_runs_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The default setting takes an hour, and is run by name; the answer names purpose, examples, and where to go on."""
+    monkeypatch.chdir(tmp_path)
+    for arguments in ([], ["-m"]):
+        assert in_process(monkeypatch, "affmap", arguments) == 2
+        captured = capsys.readouterr()
+        assert captured.out == "" and captured.err.startswith("affmap: run the incomplete jobs")
+        assert len(re.findall("^  affmap ", captured.err, re.MULTILINE)) == 5
+        assert "`affmap --help` lists" in captured.err and "`affmap name=single` runs the defaults" in captured.err
+    assert Sweep.read(["name=single"]).configs == Sweep.read([]).configs and not list(tmp_path.iterdir())
+
+
+def test_the_help_of_affmap_fits_a_window(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """60 lines of 115 columns; every file of a group that has several is an override that the help names."""
+    assert in_process(monkeypatch, "affmap", ["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 60 and max(map(len, lines)) <= 115
+    words = {word.strip(",") for line in lines for word in line.split()}
+    assert {"fog", "procedural_hard", "planner:", "printed/cem", "gru", "factors/beta", "smoke", "reference"} <= words
+
+
+@pytest.mark.parametrize("entry", ["affmap", "affmap-status", "affmap-report", "affmap-publish"])
+def test_all_commands_know_the_version(
+    entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """That of affmap first, and torch's and Hydra's, on one line."""
+    assert in_process(monkeypatch, entry, ["--version"]) == 0
+    told = capsys.readouterr().out
+    assert re.fullmatch(rf"affmap {version('affmap')} \(torch {re.escape(version('torch'))}, Hydra 1\..*\)\n", told)
+
+
+@pytest.mark.parametrize("module", [paper, publish, report, run, status, render, window])
 def test_optimised_bytecode_has_help(
     module: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -755,7 +789,7 @@ def test_optimised_bytecode_has_help(
     monkeypatch.setattr(sys, "argv", ["a command", "--help"])
     with contextlib.suppress(SystemExit):
         module.main()
-    assert re.match(r"affmap-\w+: [a-z ]{10}.*\n\nusage: affmap(.*\n)+examples:\n  affmap", capsys.readouterr().out)
+    assert re.match(r"affmap(-\w+)?: [a-z ]{10}.*\n\nusage: affmap(.*\n)+examples:\n  affmap", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("entry", ["affmap", "affmap-status", "affmap-report", "affmap-publish"])
