@@ -25,8 +25,9 @@ from affmap.model.lookup import make_lookup
 from affmap.model.registry import TransitionSettings
 from affmap.pipeline import datasets
 from affmap.pipeline.datasets import Arrays
-from affmap.pipeline.execution import check_devices, models
+from affmap.pipeline.execution import models
 from affmap.pipeline.job import check_trials, open_store
+from affmap.pipeline.machine import check_devices
 from affmap.pipeline.progress import displayed
 from affmap.pipeline.stage import DATA, TRAIN
 from affmap.pipeline.train import make_models, trained

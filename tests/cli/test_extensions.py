@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from commands import COMMAND, ENVIRONMENT, in_process, jobs, line
 
-from affmap.config import sweep
+from affmap.config import notes
 from affmap.env.registration import environments
 from affmap.results.files import read_trajectories
 from affmap.settings import ConfigError, extensions, folder
@@ -190,7 +190,7 @@ def test_a_stored_file_imports_nothing(
 ) -> None:
     """A note of a sweep with the name of a module that lies beside it: only the variable loads it."""
     (work / "still.py").write_text(f"import os; os.mkdir({str(work / 'canary')!r})\n")
-    sweep.write_note(work / "output", line(work, "agent=still"))
+    notes.write_note(work / "output", line(work, "agent=still"))
     for names in ("", "still"):
         monkeypatch.setenv("AFFMAP_IMPORT", names)
         assert in_process(monkeypatch, "affmap-status", ["output"]) == 2
