@@ -1,5 +1,6 @@
 """The documentation: it builds, without network; what it says works; what it quotes is there."""
 
+import importlib
 import json
 import os
 import re
@@ -105,8 +106,8 @@ def test_the_site_builds_whole(site: Path) -> None:
             if "//" not in link and not link.startswith("#"):
                 assert (path.parent / unquote(link.partition("#")[0])).exists(), f"{path} has a broken link {link}"
         assert all(image.get("alt") for image in found.images), f"{path} has a picture without a description"
-        unfilled = re.findall(r"\{\{ (?:plot|table|source) |\{\{ \w+ \}\}</p>", path.read_text("utf-8"))
-        assert not unfilled, f"{path} has a line that was not filled in"
+        unfilled = re.findall(r"<p><(?:a|em)[^>]*>(?:\.\./|Figure: ).*</p>", path.read_text("utf-8"))
+        assert not unfilled, f"{path} has a part that was not filled in"
     for path in site.rglob("*.css"):
         outside = re.findall(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", path.read_text("utf-8"))
         assert not outside, f"{path} loads something from elsewhere"
@@ -132,6 +133,26 @@ def test_every_key_is_in_the_reference(site: Path) -> None:
             missing = [key for key in yaml.safe_load(text) if key != "kind" and prefix + key not in cells]
             assert not missing, f"{path} has {missing}"
     assert cells.count("") == 0
+
+
+ON_A_GIT_HOST = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *DOCS.rglob("*.md"),
+    *(ROOT / "notebooks").glob("*.ipynb"),
+]
+
+
+@pytest.mark.parametrize("page", ON_A_GIT_HOST, ids=lambda page: page.stem)
+def test_a_page_can_be_read_on_a_git_host(page: Path) -> None:
+    """It has no line that only the site understands, and its links and pictures are there."""
+    text = page.read_text("utf-8")
+    if page.suffix == ".ipynb":
+        cells = json.loads(text)["cells"]
+        text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    text = re.sub(r"^```\w*\n.*?^(?:```)$", "", text, flags=re.M | re.S)
+    assert re.findall(r"^(?:\{\{|:::).*$|\]\[[\w.]*\]", text, flags=re.M) == []
+    for target in re.findall(r"\]\(([^()\s#]+)", text):
+        assert "//" in target or (page.parent / target).exists(), f"{page} has a broken link {target}"
 
 
 PHONE = 400
@@ -164,6 +185,34 @@ def test_formulas_are_drawn_by_the_browser_itself(site: Path) -> None:
     assert "\\mathbf" not in (site / "equations.html").read_text("utf-8").replace("alttext", "")
 
 
+def test_excerpts_of_code_say_what_they_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whole statements, with the loops and conditions around them, and a mark for each gap; docstrings are none."""
+    monkeypatch.syspath_prepend(DOCS / "hooks")
+    excerpt = importlib.import_module("excerpt").excerpt
+    code = '''
+    def walk(steps):
+        """Walk."""
+        place = 0
+        for step in steps:
+            if step:
+                place += sum(
+                    step,
+                )
+            else:
+                break
+            place %= 2
+        return place
+    '''
+    loop = (
+        "for step in steps:\n    if step:\n        place += sum(\n            step,\n        )\n    else:\n        ..."
+    )
+    assert excerpt(code, ["place ="]) == "place = 0\n..."
+    assert excerpt(code, ["place +="]) == f"...\n{loop}\n    ...\n..."
+    assert excerpt(code, ["place", "break"]) == f"place = 0\n{loop[:-3]}break\n    place %= 2\nreturn place"
+    with pytest.raises(ValueError, match="walk has no line with jump"):
+        excerpt(code, ["place", "jump"])
+
+
 def test_sentences_of_the_page_on_trouble_exist() -> None:
     """Its quotes, in the source; a dot stands for the parts that vary."""
     source = "".join(path.read_text("utf-8") for path in (ROOT / "affmap").rglob("*.py"))
@@ -182,7 +231,7 @@ def test_numbers_of_the_lab_log_are_those_of_its_sources(entry: str) -> None:
     told, _, sources = entry.partition("Source: ")
     files = [ROOT / name for name in re.findall(r"`([\w/.]+\.(?:md|yaml|py))`", sources)]
     text = " ".join(" ".join(path.read_text("utf-8") for path in files).split())
-    words = " ".join(re.sub(r"^(\{\{|\|).*$", "", told, flags=re.M).split())
+    words = " ".join(re.sub(r"^[\[|].*$", "", told, flags=re.M).split())
     numbers = re.findall(r"[−-]?\d+\.\d+|\d+ %", words)
     assert [number for number in numbers if number not in text] == []
     assert sources

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from links import translate
 from places import ROOT
 
 
@@ -21,8 +22,9 @@ def pages() -> Iterator[tuple[str, str]]:
 def _cells(path: Path) -> Iterator[str]:
     """The cells of a notebook, and what they have put out, as Markdown."""
     for cell in json.loads(path.read_text("utf-8"))["cells"]:
-        text = "".join(cell["source"]).replace("](../docs/", "](../")  # the site's root is docs
-        yield text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```"
+        text = "".join(cell["source"])
+        is_text = cell["cell_type"] == "markdown"
+        yield translate(text, "notebooks", "notebooks") if is_text else f"```python\n{text}\n```"
         for output in cell.get("outputs", []):
             data = output.get("data", {"text/plain": output.get("text", "")})
             if "image/png" in data:
