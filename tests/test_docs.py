@@ -123,16 +123,17 @@ def test_every_page_can_be_found(site: Path) -> None:
 
 def test_every_key_is_in_the_reference(site: Path) -> None:
     """Those of the files of `conf`, each with a type, a default and a meaning."""
-    cells = re.findall(
-        r"<td>(?:<code>)?(.*?)(?:</code>)?</td>", (site / "settings.html").read_text("utf-8"), flags=re.S
+    reference = (site / "settings.html").read_text("utf-8")
+    found = re.findall(
+        r'<h[34] class="key" id="\S+"><code>(\S+)</code>.+\n<p class="kind">.+; default .+</p>\n<p>.+', reference
     )
     for path in CONF.glob("*/*.yaml"):
         text = path.read_text("utf-8")
         if path.parent.name not in ("layout", "hydra") and "@package _global_" not in text:
             prefix = f"{path.parent.name}."
-            missing = [key for key in yaml.safe_load(text) if key != "kind" and prefix + key not in cells]
+            missing = [key for key in yaml.safe_load(text) if key != "kind" and prefix + key not in found]
             assert not missing, f"{path} has {missing}"
-    assert cells.count("") == 0
+    assert len(found) == reference.count('class="key"')
 
 
 ON_A_GIT_HOST = [
@@ -160,7 +161,7 @@ PHONE = 400
 
 
 def test_the_site_fits_a_phone_and_searches_from_the_disk(site: Path, browser: Browser) -> None:
-    """A page of each kind in Chromium, which asks for nothing outside the site; a planner is found by its letters."""
+    """A page of each kind in Chromium, which asks for nothing outside the site; planners and keys are found first."""
     page = browser.new_page(viewport={"width": PHONE, "height": 800})
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
@@ -171,9 +172,14 @@ def test_the_site_fits_a_phone_and_searches_from_the_disk(site: Path, browser: B
         page.goto(path.as_uri())
         assert page.evaluate("document.documentElement.scrollWidth") <= PHONE, f"{path} is wider than a phone"
     page.locator("label[for=__search]").first.click()
-    page.locator("input[name=query]").press_sequentially("cem")
-    first = page.locator(".md-search-result__item a").first
-    expect(first).to_have_attribute("href", f"{(site / 'api/affmap.CEMPlanner.html').as_uri()}?h=cem")
+    query, first = page.locator("input[name=query]"), page.locator(".md-search-result__item").first.locator("a")
+    query.press_sequentially("cem")
+    expect(first.first).to_have_attribute("href", f"{(site / 'api/affmap.CEMPlanner.html').as_uri()}?h=cem")
+    for group, key in [("control", "beta"), ("model", "context_size"), ("planner.cem", "num_iterations")]:
+        query.fill("")
+        query.press_sequentially(key)
+        reference = re.compile(rf"/settings\.html\?h=[\w+]+#{group}\.{key}$")
+        expect(first.nth(1)).to_have_attribute("href", reference)
     assert [url for url in asked if not url.startswith((site.as_uri(), "data:", "blob:"))] == []
     page.close()
 
