@@ -18,6 +18,7 @@ import links
 import notebook
 import parts
 import plots
+import tables
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -72,8 +73,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in the formulas in sentences."""
-    return formulas.fill_sentences(html)
+    """Fill in the formulas in sentences, and label the cells of tables."""
+    return tables.label(formulas.fill_sentences(html))
 
 
 def _entries(nav: Any) -> Iterator[dict[str, Any]]:

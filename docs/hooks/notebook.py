@@ -1,6 +1,7 @@
 """Notebooks as pages: their cells, and what these have put out."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,7 +31,8 @@ def _cells(path: Path) -> Iterator[str]:
             if "image/png" in data:
                 picture = "".join(data["image/png"]).strip()
                 yield f'<img alt="what the cell draws" src="data:image/png;base64,{picture}">'
-            elif "<img" in (html := "".join(data.get("text/html", ""))):
-                yield html
+            elif "text/html" in data:
+                html = re.sub(r"<style.*?</style>", "", "".join(data["text/html"]), flags=re.S)
+                yield re.sub(r"<table\b[^>]*>", "<table>", html)  # in the style of the site
             else:
                 yield f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
