@@ -47,6 +47,8 @@ class _Excerpt:
         orelse: list[ast.stmt] = getattr(statement, "orelse", [])
         inside, otherwise = self.block(body), self.block(orelse)
         first, last = statement.lineno, body[0].lineno - 1
+        while self.lines[last - 1].lstrip().startswith("#"):  # a comment on the first statement inside
+            last -= 1
         if not (inside or otherwise or self.having(first, last)):
             return []
         lines = [*self.lines[first - 1 : last], *(inside or self.cut(body))]
