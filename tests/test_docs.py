@@ -265,7 +265,7 @@ def test_pictures_are_small() -> None:
 
 PAGES = [
     ROOT / "README.md",
-    *(DOCS / f"{name}.md" for name in ("quickstart", "python", "plots", "configuration", "environment")),
+    *(DOCS / f"{name}.md" for name in ("index", "quickstart", "python", "plots", "configuration", "environment")),
     *sorted(DOCS.glob("howto/*.md")),
 ]
 
