@@ -1,5 +1,6 @@
 """The documentation: it builds, without network; what it says works; what it quotes is there."""
 
+import importlib
 import json
 import os
 import re
@@ -105,8 +106,8 @@ def test_the_site_builds_whole(site: Path) -> None:
             if "//" not in link and not link.startswith("#"):
                 assert (path.parent / unquote(link.partition("#")[0])).exists(), f"{path} has a broken link {link}"
         assert all(image.get("alt") for image in found.images), f"{path} has a picture without a description"
-        unfilled = re.findall(r"\{\{ (?:plot|table|source) |\{\{ \w+ \}\}</p>", path.read_text("utf-8"))
-        assert not unfilled, f"{path} has a line that was not filled in"
+        unfilled = re.findall(r"<p><(?:a|em)[^>]*>(?:\.\./|Figure: ).*</p>", path.read_text("utf-8"))
+        assert not unfilled, f"{path} has a part that was not filled in"
     for path in site.rglob("*.css"):
         outside = re.findall(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", path.read_text("utf-8"))
         assert not outside, f"{path} loads something from elsewhere"
@@ -122,16 +123,37 @@ def test_every_page_can_be_found(site: Path) -> None:
 
 def test_every_key_is_in_the_reference(site: Path) -> None:
     """Those of the files of `conf`, each with a type, a default and a meaning."""
-    cells = re.findall(
-        r"<td>(?:<code>)?(.*?)(?:</code>)?</td>", (site / "settings.html").read_text("utf-8"), flags=re.S
+    reference = (site / "settings.html").read_text("utf-8")
+    found = re.findall(
+        r'<h[34] class="key" id="\S+"><code>(\S+)</code>.+\n<p class="kind">.+; default .+</p>\n<p>.+', reference
     )
     for path in CONF.glob("*/*.yaml"):
         text = path.read_text("utf-8")
         if path.parent.name not in ("layout", "hydra") and "@package _global_" not in text:
             prefix = f"{path.parent.name}."
-            missing = [key for key in yaml.safe_load(text) if key != "kind" and prefix + key not in cells]
+            missing = [key for key in yaml.safe_load(text) if key != "kind" and prefix + key not in found]
             assert not missing, f"{path} has {missing}"
-    assert cells.count("") == 0
+    assert len(found) == reference.count('class="key"')
+
+
+ON_A_GIT_HOST = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *DOCS.rglob("*.md"),
+    *(ROOT / "notebooks").glob("*.ipynb"),
+]
+
+
+@pytest.mark.parametrize("page", ON_A_GIT_HOST, ids=lambda page: page.stem)
+def test_a_page_can_be_read_on_a_git_host(page: Path) -> None:
+    """It has no line that only the site understands, and its links and pictures are there."""
+    text = page.read_text("utf-8")
+    if page.suffix == ".ipynb":
+        cells = json.loads(text)["cells"]
+        text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    text = re.sub(r"^```\w*\n.*?^(?:```)$", "", text, flags=re.M | re.S)
+    assert re.findall(r"^(?:\{\{|:::).*$|\]\[[\w.]*\]", text, flags=re.M) == []
+    for target in re.findall(r"\]\(([^()\s#]+)", text):
+        assert "//" in target or (page.parent / target).exists(), f"{page} has a broken link {target}"
 
 
 def test_pages_of_names_tell_limits_in_words(site: Path) -> None:
@@ -146,8 +168,12 @@ PHONE = 400
 """Pixels, the width of a phone."""
 
 
+WIDE = """[...document.querySelectorAll("html, .md-typeset__scrollwrap")]
+    .filter(box => box.scrollWidth > box.clientWidth).map(box => box.innerText)"""
+
+
 def test_the_site_fits_a_phone_and_searches_from_the_disk(site: Path, browser: Browser) -> None:
-    """A page of each kind in Chromium, which asks for nothing outside the site; a planner is found by its letters."""
+    """A page of each kind in Chromium, which asks for nothing outside the site; planners and keys are found first."""
     page = browser.new_page(viewport={"width": PHONE, "height": 800})
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
@@ -156,11 +182,17 @@ def test_the_site_fits_a_phone_and_searches_from_the_disk(site: Path, browser: B
     }
     for path in kinds.values():
         page.goto(path.as_uri())
-        assert page.evaluate("document.documentElement.scrollWidth") <= PHONE, f"{path} is wider than a phone"
+        wide = page.evaluate(WIDE)
+        assert not wide, f"{path} has what is wider than a phone: {wide}"
     page.locator("label[for=__search]").first.click()
-    page.locator("input[name=query]").press_sequentially("cem")
-    first = page.locator(".md-search-result__item a").first
-    expect(first).to_have_attribute("href", f"{(site / 'api/affmap.CEMPlanner.html').as_uri()}?h=cem")
+    query, first = page.locator("input[name=query]"), page.locator(".md-search-result__item").first.locator("a")
+    query.press_sequentially("cem")
+    expect(first.first).to_have_attribute("href", f"{(site / 'api/affmap.CEMPlanner.html').as_uri()}?h=cem")
+    for group, key in [("control", "beta"), ("model", "context_size"), ("planner.cem", "num_iterations")]:
+        query.fill("")
+        query.press_sequentially(key)
+        reference = re.compile(rf"/settings\.html\?h=[\w+]+#{group}\.{key}$")
+        expect(first.nth(1)).to_have_attribute("href", reference)
     assert [url for url in asked if not url.startswith((site.as_uri(), "data:", "blob:"))] == []
     page.close()
 
@@ -170,6 +202,34 @@ def test_formulas_are_drawn_by_the_browser_itself(site: Path) -> None:
     text = (DOCS / "equations.md").read_text("utf-8")
     assert Found(site / "equations.html").formulas == text.count("```math") + text.count("$`") > 20
     assert "\\mathbf" not in (site / "equations.html").read_text("utf-8").replace("alttext", "")
+
+
+def test_excerpts_of_code_say_what_they_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whole statements, with the loops and conditions around them, and a mark for each gap; docstrings are none."""
+    monkeypatch.syspath_prepend(DOCS / "hooks")
+    excerpt = importlib.import_module("excerpt").excerpt
+    code = '''
+    def walk(steps):
+        """Walk."""
+        place = 0
+        for step in steps:
+            if step:
+                place += sum(
+                    step,
+                )
+            else:
+                break
+            place %= 2
+        return place
+    '''
+    loop = (
+        "for step in steps:\n    if step:\n        place += sum(\n            step,\n        )\n    else:\n        ..."
+    )
+    assert excerpt(code, ["place ="]) == "place = 0\n..."
+    assert excerpt(code, ["place +="]) == f"...\n{loop}\n    ...\n..."
+    assert excerpt(code, ["place", "break"]) == f"place = 0\n{loop[:-3]}break\n    place %= 2\nreturn place"
+    with pytest.raises(ValueError, match="walk has no line with jump"):
+        excerpt(code, ["place", "jump"])
 
 
 def test_sentences_of_the_page_on_trouble_exist() -> None:
@@ -190,7 +250,7 @@ def test_numbers_of_the_lab_log_are_those_of_its_sources(entry: str) -> None:
     told, _, sources = entry.partition("Source: ")
     files = [ROOT / name for name in re.findall(r"`([\w/.]+\.(?:md|yaml|py))`", sources)]
     text = " ".join(" ".join(path.read_text("utf-8") for path in files).split())
-    words = " ".join(re.sub(r"^(\{\{|\|).*$", "", told, flags=re.M).split())
+    words = " ".join(re.sub(r"^[\[|].*$", "", told, flags=re.M).split())
     numbers = re.findall(r"[−-]?\d+\.\d+|\d+ %", words)
     assert [number for number in numbers if number not in text] == []
     assert sources
@@ -213,7 +273,7 @@ def test_pictures_are_small() -> None:
 
 PAGES = [
     ROOT / "README.md",
-    *(DOCS / f"{name}.md" for name in ("quickstart", "python", "plots", "configuration", "environment")),
+    *(DOCS / f"{name}.md" for name in ("index", "quickstart", "python", "plots", "configuration", "environment")),
     *sorted(DOCS.glob("howto/*.md")),
 ]
 

@@ -1,13 +1,14 @@
 """The reference: a page for each public name, under the name that users type, and their index.
 
 Public names are those that the stubs (`__init__.pyi`) of the package and of its folders hand on. `docs/api.md` groups
-them. Its lines are, below the heading of a group,
+them in lists of links, below the heading of a group:
 
-| line | stands for |
+| link to | stands for |
 |---|---|
-| `::: affmap.gaussian.kl` | a name of a folder or a module |
-| `{{ public planning }}` | the names in `affmap.__all__` that come from a folder and have no line |
-| `{{ public }}` | those that come from none of the folders named on the page |
+| `../affmap/gaussian.py#kl` | a name of a module |
+| `../affmap/plot/__init__.py` | a folder |
+| `../affmap/planning` | the names in `affmap.__all__` that come from a folder and have no link |
+| `../affmap/__init__.pyi` | those that come from none of the folders on the page |
 """
 
 import ast
@@ -19,12 +20,13 @@ from importlib import import_module
 
 import griffe
 import keys
+from links import dotted
 from places import DOCS, ROOT
 
 from affmap.report.markdown import code, table
 from affmap.settings import Settings
 
-LINES = r"(?:^(?:\{\{ public.*\}\}|::: .+)\n)+"
+LINES = r"(?:^- \[.+\]\(\.\./affmap/.+\)\n)+"
 
 
 def pages() -> Iterator[tuple[str, str]]:
@@ -115,7 +117,7 @@ def place(name: str) -> str:
 
 
 def index(markdown: str) -> str:
-    """The index, where each line of `docs/api.md` is a row with a link and a sentence."""
+    """The index, where each link of `docs/api.md` is a row with a link and a sentence."""
     return re.sub(LINES, lambda lines: _table(_names(lines[0])), markdown, flags=re.M)
 
 
@@ -166,20 +168,38 @@ def _package() -> griffe.Object | griffe.Alias:
     return griffe.load("affmap", search_paths=[ROOT], docstring_parser="google")
 
 
-def _public(folders: list[str]) -> list[str]:
-    """Full names of `affmap.__all__` without a line here: from some folders, or from those that it never names."""
-    page = (DOCS / "api.md").read_text("utf-8")
-    named = " ".join(re.findall(r"^\{\{ public (.+) \}\}$", page, flags=re.M)).split()
-    public = [name for name, short in exports().items() if short.count(".") == 1 and f"::: {name}\n" not in page]
-    return [name for name in public if (name.split(".")[1] in folders if folders else name.split(".")[1] not in named)]
-
-
 def _names(lines: str) -> list[str]:
+    """Full names that some links stand for."""
     names: list[str] = []
-    for line in lines.splitlines():
-        words = line.strip("{}: ").split()
-        names += _public(words[1:]) if line.startswith("{{") else words
+    for target in _targets(lines):
+        path, _, name = target.partition("#")
+        if name:
+            names.append(dotted(path, name))
+        elif path.endswith("/__init__.py"):
+            names.append(path.removesuffix("/__init__.py").replace("/", "."))
+        else:
+            names += _public(target)
     return names
+
+
+def _public(target: str) -> list[str]:
+    """Full names of `affmap.__all__` that have no link: of a folder, or, for the stub, of all folders without one."""
+    targets = _targets((DOCS / "api.md").read_text("utf-8"))
+    linked = {dotted(*each.split("#")) for each in targets if "#" in each}
+    names = [name for name, short in exports().items() if short.count(".") == 1 and name not in linked]
+    return [name for name in names if target == (_folder(name) if _folder(name) in targets else STUB)]
+
+
+STUB = "affmap/__init__.pyi"
+
+
+def _folder(name: str) -> str:
+    return "/".join(name.split(".")[:2])
+
+
+def _targets(markdown: str) -> list[str]:
+    """Paths in the repository of a text's links to the package."""
+    return re.findall(r"\]\(\.\./(affmap/.+)\)", markdown)
 
 
 def _table(names: list[str]) -> str:

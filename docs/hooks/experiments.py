@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from links import translate
 from places import REFERENCE, ROOT
 
 
@@ -12,8 +13,8 @@ def pages() -> Iterator[tuple[str, str]]:
         name = room.parent.name
         report = REFERENCE / name / "report.md"
         if report.is_file():
-            text = report.read_text("utf-8").replace("](figures/", f"](../reference/{name}/figures/")
-            yield f"experiments/{name}.md", f"{text}\n[The report as PDF](../reference/{name}/report.pdf)\n"
+            text = f"{report.read_text('utf-8')}\n[The report as PDF](report.pdf)\n"
+            yield f"experiments/{name}.md", translate(text, f"runs/reference/{name}", "experiments")
 
 
 def files() -> list[Path]:

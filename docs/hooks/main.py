@@ -1,9 +1,11 @@
 """The site is made here: MkDocs calls the `on_` functions.
 
 Beside the pages of `docs` it has pages that are made from the project itself when it is built: notebooks, published
-reports, environments, commands, and the reference of the API. Macros fill lines of pages, see `macros.py`.
+reports, environments, commands, and the reference of the API. Links that stand by themselves are filled in, see
+`parts.py`; all other links between files become links between pages, see `links.py`.
 """
 
+import posixpath
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,9 +14,11 @@ import commands
 import environments
 import experiments
 import formulas
-import macros
+import links
 import notebook
+import parts
 import plots
+import tables
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -59,15 +63,18 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in the figures and lines of a page, and formulas that stand by themselves."""
+    """Fill in the figures and parts of a page, and formulas that stand by themselves; lead links to pages."""
     if page.file.src_uri == "api.md":
         return api.index(markdown)
-    return formulas.fill_blocks(macros.fill(plots.fill(markdown)))
+    place = posixpath.dirname(page.file.src_uri)
+    folder = posixpath.join("docs", place)
+    filled = parts.fill(plots.fill(markdown), folder)
+    return formulas.fill_blocks(links.translate(filled, folder, place))
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in the formulas in sentences."""
-    return formulas.fill_sentences(html)
+    """Fill in the formulas in sentences, and label the cells of tables."""
+    return tables.label(formulas.fill_sentences(html))
 
 
 def _entries(nav: Any) -> Iterator[dict[str, Any]]:

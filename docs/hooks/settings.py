@@ -1,5 +1,6 @@
 """The reference of the configuration: every group of `conf/` and every key, with type, default and meaning.
 
+Each key has a heading of its own, `group.key`, so that the search finds it and others can link to it.
 Keys and types are those of the settings' classes, meanings their docstrings, defaults and choices the files.
 """
 
@@ -31,7 +32,7 @@ def settings() -> str:
     for group, choice in _chosen().items():
         if choice and not _is_local(group):
             values = _values(CONF / group / f"{choice}.yaml") | values
-    parts = ["## The root", _keys(Config, root, values, "")]
+    parts = ["## The root", *_keys(Config, root, values, "")]
     for key, field in groups.items():
         parts += _group(key, field)
     for folder in sorted(
@@ -50,9 +51,10 @@ def _group(group: str, field: FieldInfo) -> Iterator[str]:
         kinds.setdefault(type(_adapter(field).validate_python(_values(path))), path)
     for kind, path in kinds.items():
         if list(kind.model_fields) != ["kind"]:
-            if len(kinds) > 1:
-                yield f"`{group}={path.stem}`:"
-            yield _keys(kind, set(kind.model_fields) - {"kind"}, _values(path), f"{group}.")
+            choice = f"{group}={path.stem}" if len(kinds) > 1 else ""
+            if choice:
+                yield f"### {choice}"
+            yield from _keys(kind, set(kind.model_fields) - {"kind"}, _values(path), f"{group}.", choice)
     for key, inner in next(iter(kinds)).model_fields.items():
         if (CONF / group / key).is_dir():
             yield from _group(f"{group}/{key}", inner)
@@ -65,15 +67,18 @@ def _adapter(field: FieldInfo) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def _keys(kind: type[BaseModel], keys: set[str], values: Mapping[str, Any], prefix: str) -> str:
-    """A table of some keys of a class, in its order."""
-    rows = []
+def _keys(
+    kind: type[BaseModel], keys: set[str], values: Mapping[str, Any], prefix: str, choice: str = ""
+) -> Iterator[str]:
+    """Sections on some keys of a class, in its order; `choice` tells apart those of the same name."""
+    level, anchor = ("####", choice.replace("=", ".") + ".") if choice else ("###", prefix)
     for key, words, meaning in described(kind):
         if key in keys:
             name = prefix + key
             default = values.get(key, _chosen().get(name.replace(".", "/")))
-            rows.append((code(name), words, _plain(default), meaning))
-    return table(["key", "type", "default", "meaning"], rows)
+            yield f"{level} `{name}` {{ #{anchor}{key} .key }}"
+            yield f"{words}; default {_plain(default)}\n{{ .kind }}"
+            yield meaning
 
 
 def _choices(group: str, nested: bool = False) -> str:
