@@ -48,5 +48,5 @@ def text() -> str:
 def _wrapped(head: str, files: Iterable[str]) -> str:
     """A paragraph of names."""
     text = f"{head}{', '.join(files)}"
-    indents = {"initial_indent": "  ", "subsequent_indent": "    "}
-    return f"{textwrap.fill(text, 110, **indents, break_on_hyphens=False)}\n"
+    filled = textwrap.fill(text, 110, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+    return f"{filled}\n"
