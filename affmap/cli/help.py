@@ -47,6 +47,5 @@ def text() -> str:
 
 def _wrapped(head: str, files: Iterable[str]) -> str:
     """A paragraph of names."""
-    text = f"{head}{', '.join(files)}"
-    filled = textwrap.fill(text, 110, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
-    return f"{filled}\n"
+    lines = textwrap.wrap(f"{head}{', '.join(files)}", 106, break_on_hyphens=False)
+    return textwrap.indent("\n  ".join(lines), "  ") + "\n"
