@@ -125,11 +125,11 @@ def _values(path: Path) -> dict[str, Any]:
 
 
 def _meaning(kind: type[BaseModel], key: str) -> str:
-    """The docstring of a key."""
+    """The docstring of a key, with the value `null` as files and command lines write it."""
     for base in kind.__mro__:
         if base.__module__.startswith("affmap.") and key in vars(base).get("__annotations__", {}):
             docstring = member(f"{base.__module__}.{base.__qualname__}.{key}").docstring
-            return " ".join(docstring.value.split()) if docstring else ""
+            return re.sub(r"\bNone\b", "`null`", " ".join(docstring.value.split())) if docstring else ""
     return ""
 
 
