@@ -14,10 +14,10 @@ def limited(number: int) -> Iterator[None]:
     longer the busier the cores are.
 
     Raises:
-        ValueError: the number is less than 1.
+        ValueError: the number is no whole number, or less than 1.
     """
-    if number < 1:
-        raise ValueError(f"threads = {number} is not allowed; it should be 1 or more.")
+    if not isinstance(number, int) or number < 1:
+        raise ValueError(f"threads = {number!r} is not allowed; it should be a whole number, 1 or more.")
     before = torch.get_num_threads()
     torch.set_num_threads(number)
     try:

@@ -4,6 +4,8 @@ It works on NumPy arrays and on torch tensors alike, and knows neither physics n
 in compiled code, elsewhere (and without numba) by the array's own library; all pixels are the same.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

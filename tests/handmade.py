@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from affmap.control.episodes import Runs, summarise
+from affmap.control.episodes import Runs
 from affmap.control.settings import ControlSettings
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.model.lookup import AffordanceMap
 from affmap.model.settings import ModelSettings
@@ -14,6 +15,7 @@ from affmap.planning.cem import CEMPlanner
 from affmap.view import VisibleLayout
 
 ORIGINAL, TWO = (Layout.load("layout", name) for name in ("original", "two_obstacles"))
+VEHICLE = Vehicle.load("vehicle", "default")
 PLANNER, SETTINGS = CEMPlanner.load("planner", "cem"), ControlSettings.load("control", "default")
 
 
@@ -43,4 +45,4 @@ def make_runs(layouts: list[Layout]) -> Runs:
         "member": np.zeros(count, int),
         "run": number,
     }
-    return Runs(summarise(trajectories), trajectories, layouts)
+    return Runs(trajectories, layouts, VEHICLE)

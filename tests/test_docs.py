@@ -156,6 +156,14 @@ def test_a_page_can_be_read_on_a_git_host(page: Path) -> None:
         assert "//" in target or (page.parent / target).exists(), f"{page} has a broken link {target}"
 
 
+def test_pages_of_names_tell_limits_in_words(site: Path) -> None:
+    """A golden row, and no page with a type that only pydantic reads, but for that of `Neutral`, which is for it."""
+    row = r"<code>momentum</code></td>\s*<td>number ≥ 0, &lt; 1</td>\s*<td>Weight of the old mean and variance\.</td>"
+    assert re.search(row, (site / "api/affmap.CEMPlanner.html").read_text("utf-8"))
+    pages = {path.stem: re.sub("<[^>]+>", "", path.read_text("utf-8")) for path in (site / "api").glob("*.html")}
+    assert [name for name, text in pages.items() if "Annotated[" in text] == ["affmap.settings.Neutral"]
+
+
 PHONE = 400
 """Pixels, the width of a phone."""
 

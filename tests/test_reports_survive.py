@@ -3,7 +3,6 @@
 Real commands on small stages and reports, in forks (`disturbed.py`).
 """
 
-import json
 import re
 import shutil
 import subprocess
@@ -17,13 +16,12 @@ from disturbed import EXPERIMENT, Small, alone, flip, places
 
 import affmap
 from affmap.cli import publish
-from affmap.config import sweep
 from affmap.control import pretrained
 from affmap.report import build
 from affmap.results import manifest
 from affmap.settings import ConfigError
 from affmap.store.files import replace_folder, sha256
-from affmap.store.provenance import PROVENANCE, with_checksum
+from affmap.store.provenance import PROVENANCE
 
 REFERENCE = Path(__file__).parents[1] / "runs/reference"
 Tried = Callable[[str, int, str], None]
@@ -307,15 +305,6 @@ def test_the_best_trial_is_that_of_the_checked_trials(
     assert in_process(monkeypatch, "affmap-status", [str(folder / "exp1")]) == 2
     assert f"{jobs / 'sweep.json'} is corrupted; give the overrides" in capsys.readouterr().err
     assert in_process(monkeypatch, "affmap-status", arguments) == 0
-
-
-def test_a_note_of_a_sweep_is_read_if_its_checksum_is_right(tmp_path: Path) -> None:
-    sweep.write_note(tmp_path, ["experiment=exp1"])
-    assert sweep.read_note(tmp_path) == ["experiment=exp1"]
-    for note in ({"overrides": ["experiment=exp2"]}, with_checksum({"overrides": 3}), with_checksum({}), [], 3):
-        (tmp_path / sweep.NOTE).write_text(json.dumps(note))
-        with pytest.raises(ConfigError, match="is corrupted"):
-            sweep.read_note(tmp_path)
 
 
 def test_a_full_disk_under_a_report_is_named_with_its_file(

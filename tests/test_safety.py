@@ -24,7 +24,7 @@ import yaml
 from commands import COMMANDS
 from matplotlib.figure import Figure
 
-from affmap.config import compose, sweep
+from affmap.config import compose, notes, sweep
 from affmap.config.root import Config
 from affmap.data import batches as module
 from affmap.data.collect import Exploration, collect
@@ -292,39 +292,23 @@ def test_a_note_of_a_sweep_reads_nothing_else_and_ends(
 ) -> None:
     """Command lines in a stranger's folder: Hydra's own keys are ignored; what reads more, or never ends, is told."""
     for line in IGNORED:
-        sweep.write_note(tmp_path, ["seed=1", line])
-        assert sweep.read_note(tmp_path) == ["seed=1"]
+        notes.write_note(tmp_path, ["seed=1", line])
+        assert notes.read_note(tmp_path) == ["seed=1"]
     for told, lines in REFUSED.items():
         for line in lines:
-            sweep.write_note(tmp_path, shlex.split(line) if line.startswith(("'", "seed", "+")) else [line])
+            notes.write_note(tmp_path, shlex.split(line) if line.startswith(("'", "seed", "+")) else [line])
             with pytest.raises(ConfigError, match=told) as caught:
-                sweep.Sweep.read(sweep.read_note(tmp_path))
+                sweep.Sweep.read(notes.read_note(tmp_path))
             assert os.environ["HOME"] not in str(caught.value).replace(str(tmp_path), "")
     number = len(IGNORED) + sum(map(len, REFUSED.values()))
     tried("a command line in a stranger's folder that reads more than its own keys or never ends", number, "not obeyed")
-
-
-def test_a_note_of_one_s_own_is_read(tmp_path: Path) -> None:
-    """A sweep's keys, references to keys, and a search's keys; by hand."""
-    own = ["experiment=exp1", "title='${name}, once more'", "model.context_size=range(3)", "~baselines"]
-    search = ["hydra/sweeper=hyperopt", "hydra.sweeper.num_trials=3", "hydra.sweep.dir=here"]
-    sweep.write_note(tmp_path, [*own, *search, "hydra/launcher=basic"])
-    assert sweep.read_note(tmp_path) == [*own, *search]
-
-
-def test_a_note_that_is_no_file_is_not_read(tmp_path: Path) -> None:
-    """Reading a pipe would never end."""
-    (tmp_path / "jobs").mkdir()
-    os.mkfifo(tmp_path / sweep.NOTE)
-    with pytest.raises(ConfigError, match=r"holds no note of a sweep \(jobs/sweep\.json\)"):
-        sweep.read_note(tmp_path)
 
 
 def test_the_status_of_a_stranger_s_folder_imports_nothing(
     tmp_path: Path, canary: Path, trap: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Plain `affmap-status`, which looks at all that is in `runs`."""
-    sweep.write_note(tmp_path / "runs/evil", [f"hydra.searchpath=[pkg://{trap}]"])
+    notes.write_note(tmp_path / "runs/evil", [f"hydra.searchpath=[pkg://{trap}]"])
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["affmap-status"])
     COMMANDS["affmap-status"]()

@@ -25,8 +25,10 @@ def test_the_number_is_put_back_after_an_error_too() -> None:
     with pytest.raises(ZeroDivisionError), limited(2):
         1 // (torch.get_num_threads() - 2)
     assert torch.get_num_threads() == 3
-    with pytest.raises(ValueError, match=r"^threads = 0 is not allowed; it should be 1 or more\.$"), limited(0):
-        pass
+    for wrong in (0, 1.5, "x"):
+        told = rf"^threads = {wrong!r} is not allowed; it should be a whole number, 1 or more\.$"
+        with pytest.raises(ValueError, match=told), limited(wrong):  # type: ignore[arg-type]
+            pass
 
 
 @pytest.mark.usefixtures("three")

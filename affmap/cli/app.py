@@ -1,6 +1,5 @@
 """The frame of all commands: command line, error messages, exit statuses."""
 
-import argparse
 import os
 import signal
 import sys
@@ -13,17 +12,21 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from affmap.cli.processes import Terminated, interruption, kill_workers, sigterm_ends_process
-from affmap.config import sweep
+from affmap.config.notes import expand_folder
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
-from affmap.pipeline.job import MachineError, check_members, check_report
+from affmap.pipeline.job import check_members, check_report
+from affmap.pipeline.machine import MachineError
 from affmap.settings.messages import ConfigError, nearest, one_line, printable
+from affmap.store import provenance
 from affmap.store.files import FULL_DISK, locked
 from affmap.store.stage import StoreError
 
 MULTIRUN = ("-m", "--multirun")
 """Hydra's flag for sweeps; it is added where it is needed and optional on the command line."""
 
+VERSION = "--version"
+"""Flag of all commands: print the versions of affmap and of the packages that it stands on."""
 
 OVERRIDES = "An override is key=value, as for affmap; `affmap --help` lists groups and keys."
 """The end of each command's help."""
@@ -47,7 +50,9 @@ def command(
     remedy = "; run the same command again to resume." if resumes else "."
     try:
         with _own_environment(), sigterm_ends_process():
-            if about and {"--help", "-h"} & {*flags()}:
+            if VERSION in flags():
+                print(version())
+            elif about and {"--help", "-h"} & {*flags()}:
                 print(f"{about}\n{OVERRIDES}")
             else:
                 body(_overrides(known))
@@ -59,15 +64,15 @@ def command(
             case Terminated(code=code):
                 _leave_at_once(f"Stopped by a signal{remedy}", code)
             case ConfigError() | MachineError() | HydraException() | OmegaConfBaseException():
-                _leave(str(error), 2)
+                leave(str(error), 2)
             case StoreError() | SweepError():
-                _leave(str(error), 1)
+                leave(str(error), 1)
             case BrokenPipeError():  # the reader of the output, such as `head`, has enough
                 os._exit(128 + signal.SIGPIPE)
             case OSError(errno=number, filename=str(name)) if number in FULL_DISK:
-                _leave(f"The disk of {name} is full; make room and run the same command again.", 1)
+                leave(f"The disk of {name} is full; make room and run the same command again.", 1)
             case OSError(filename=name, strerror=reason):
-                _leave(f"{name or 'A file'}: {reason or error}; fix that and run the same command again.", 1)
+                leave(f"{name or 'A file'}: {reason or error}; fix that and run the same command again.", 1)
             case _:
                 raise
 
@@ -90,19 +95,6 @@ def _own_environment() -> Iterator[None]:
                 os.environ[name] = before[name]
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser of the command line of a program without overrides; its help begins with the purpose, then the usage."""
-
-    def __init__(self, name: str, purpose: str, examples: str) -> None:
-        """Begin with no arguments; `examples` are the end of the help, lines that are kept."""
-        super().__init__(name, epilog=f"examples:\n{examples}", formatter_class=argparse.RawDescriptionHelpFormatter)
-        self._purpose = f"{name}: {purpose}"
-
-    def format_help(self) -> str:
-        """The text of `--help`."""
-        return f"{self._purpose}\n\n{super().format_help()}"
-
-
 def open_streams() -> None:
     """Open the null device for each standard stream that is closed or missing, as after `affmap >&-`.
 
@@ -121,7 +113,7 @@ def read_jobs(arguments: Sequence[str]) -> Search | Sweep:
     Raises:
         ConfigError: a value is not allowed, or there is no such folder; the message gives a remedy.
     """
-    overrides = sweep.expand_folder(arguments)
+    overrides = expand_folder(arguments)
     return Search.read(overrides) or read_sweep(overrides)
 
 
@@ -149,6 +141,18 @@ def written_alone(path: Path) -> Iterator[None]:
             lock.unlink(missing_ok=True)
 
 
+def version() -> str:
+    """The versions of affmap and of the packages that it stands on, on a line."""
+    of = provenance.versions()
+    return f"affmap {of['affmap']} (torch {of['torch']}, Hydra {of['hydra-core']}, Python {of['python']})"
+
+
+def leave(message: str, status: int) -> NoReturn:
+    """Exit with a sentence on the error stream."""
+    print(printable(message), file=sys.stderr)
+    sys.exit(status)
+
+
 def flags() -> list[str]:
     """The flags of the command line, except Hydra's for sweeps."""
     return [argument for argument in sys.argv[1:] if argument.startswith("-") and argument not in MULTIRUN]
@@ -156,18 +160,13 @@ def flags() -> list[str]:
 
 def _overrides(known: Collection[str]) -> list[str]:
     if unknown := [flag for flag in flags() if flag not in known]:
-        near = nearest(unknown[0], [*known, "--help"])
+        near = nearest(unknown[0], [*known, "--help", VERSION])
         remedy = f"did you mean {near}?" if near else "give Hydra overrides, such as experiment=exp1."
         raise ConfigError(f"{unknown[0]} is not known here; {remedy}")
     for before, argument, after in zip(["", *sys.argv[1:]], sys.argv[1:], [*sys.argv[2:], ""], strict=False):
         if argument == "=" and before and after:
             raise ConfigError(f"an override has no blanks around its =; write {one_line(f'{before}={after}')}.")
     return [argument for argument in sys.argv[1:] if argument not in (*MULTIRUN, *known)]
-
-
-def _leave(message: str, status: int) -> NoReturn:
-    print(printable(message), file=sys.stderr)
-    sys.exit(status)
 
 
 def _leave_at_once(message: str, status: int) -> NoReturn:

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 from affmap.cli.app import command, flags, read_sweep, written_alone
 from affmap.cli.publish import check_publishable, keep_report
-from affmap.config import sweep
+from affmap.config.overrides import replace_experiment
 from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
 from affmap.settings.messages import ConfigError
@@ -43,7 +43,7 @@ def _paper(paper: Sweep, publish: bool) -> None:
 
     chapters = []
     for experiment in ROOMS:
-        jobs = read_sweep(sweep.replace_experiment(paper.overrides, experiment, ("output",)))
+        jobs = read_sweep(replace_experiment(paper.overrides, experiment, ("output",)))
         first = jobs.first
         if not first.report.paper_figures:  # an experiment that the paper does not have
             continue

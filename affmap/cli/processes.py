@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 
@@ -45,6 +46,24 @@ def interruption(error: BaseException) -> BaseException | None:
             return cause
         cause = cause.__context__ or cause.__cause__
     return None
+
+
+@contextmanager
+def sigint_spares_workers() -> Iterator[None]:
+    """Let Ctrl-C, which a terminal sends to all of its processes, end none that is started in the block.
+
+    Else workers would print the errors of whatever it interrupts, such as imports. The command kills them.
+    """
+    resource_tracker.ensure_running()  # else a worker needs it, and Pythons before 3.14 start it and block nothing more
+    is_over = threading.Event()
+    # Python calls handlers in the main thread, whichever thread receives the signal: this one, which does not block it.
+    threading.Thread(target=is_over.wait, name="affmap: hears Ctrl-C", daemon=True).start()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit what a thread blocks
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        is_over.set()
 
 
 def kill_workers() -> None:

@@ -8,39 +8,35 @@ import logging
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from affmap.cli.app import (
-    MULTIRUN,
-    SweepError,
-    command,
-    flags,
-    read_jobs,
-    read_sweep,
-)
-from affmap.cli.processes import end_with_parent, interruption, sigterm_ends_process
-from affmap.config import sweep
-from affmap.config.compose import compose, num_workers
+from affmap.cli import help
+from affmap.cli.app import MULTIRUN, SweepError, command, flags, read_jobs, read_sweep
+from affmap.cli.processes import end_with_parent, interruption, sigint_spares_workers, sigterm_ends_process
+from affmap.config.compose import compose, num_workers, runs_here
+from affmap.config.notes import expand_folder, write_note
+from affmap.config.overrides import is_sweep, keys, without_sweeps
 from affmap.config.root import Config, plain
 from affmap.config.search import IRRELEVANT, OtherSearch, Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
 from affmap.pipeline.job import (
-    MachineError,
     agents_without_models,
     all_stages,
-    check_logger,
     check_models,
     check_trials,
     find,
+    incomplete,
     is_complete,
 )
+from affmap.pipeline.machine import MachineError, check_devices, check_logger
 from affmap.pipeline.progress import follow
+from affmap.pipeline.stage import CONTROL, TRAIN
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
 from affmap.store.files import check_locks, locked
@@ -49,16 +45,18 @@ from hydra_plugins.hyperopt_sweeper import TrialError
 
 log = logging.getLogger("affmap")
 
-HYDRA = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
+HYDRA = {"--hydra-help", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc"}
 """Hydra's flags that print something and run nothing."""
 
 
 def main() -> None:
     """`affmap`: run the incomplete jobs of a sweep, or the missing trials of a search."""
-    printing = HYDRA & {flag.partition("=")[0] for flag in flags()}
-    if printing & {"--cfg", "-c"}:
-        command(_check, known=flags())
-    if printing:
+    given = {flag.partition("=")[0] for flag in flags()}
+    if given & {"--help", "-h"}:
+        command(lambda _: print(help.text()), known=flags())
+    elif given & HYDRA:
+        if given & {"--cfg", "-c"}:
+            command(_check, known=flags())
         command(lambda _: _job(), known=flags())
     else:
         command(_run)
@@ -70,7 +68,9 @@ def _check(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    overrides = sweep.expand_folder(arguments)
+    if not arguments:
+        raise ConfigError(help.SHORT)
+    overrides = expand_folder(arguments)
     if other := OtherSearch.read(overrides):
         _run_other_search(other)
         return
@@ -90,8 +90,9 @@ def _run_search(search: Search) -> None:
     """
     check_output(search.config.output, ())
     print(f"{search.config.name}: {search.num_complete} of {search.num_trials} trials are complete.", flush=True)
-    check_logger(search.config)
-    sweep.write_note(search.config.output, search.overrides)
+    if search.num_complete < search.num_trials:
+        _check_machine([search.config], search.fixed)
+    write_note(search.config.output, search.overrides)
     irrelevant = f"hydra.sweeper.irrelevant={list(IRRELEVANT)}"
     search.folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -111,7 +112,7 @@ def _run_other_search(search: OtherSearch) -> None:
         SweepError: it has failed.
     """
     check_output(search.config.output, ())
-    check_logger(search.config)
+    _check_machine([search.config], search.overrides)
     if problem := _launch(["-m", *search.overrides]):
         raise SweepError("\n".join(problem))
     print(f"{search.config.name}: the search is complete; {search.folder} holds what {search.sweeper} has found.")
@@ -135,11 +136,11 @@ def _run_sweep(jobs: Sweep) -> None:
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
-        check_logger(config)
+    _check_machine(jobs.configs, jobs.overrides)
     check_locks(first.store)
     for kind in agents_without_models(jobs.configs):
         print(f"agent={kind} flies without a model; the models are trained for the losses and maps of its report only.")
-    sweep.write_note(first.output, jobs.overrides)
+    write_note(first.output, jobs.overrides)
     with _progress(jobs) as arguments:
         problem = _launch(arguments)
         while problem and complete < (now := sum(is_complete(config) for config in jobs.configs)):
@@ -155,16 +156,29 @@ def _run_sweep(jobs: Sweep) -> None:
     print(f"{first.name}: all {count} settings are complete.")
 
 
+def _check_machine(configs: Sequence[Config], overrides: Sequence[str]) -> None:
+    """Make sure that this machine has what jobs need before the first one starts; those of a cluster find out there.
+
+    Raises:
+        MachineError: a package or a GPU is missing.
+    """
+    is_here = runs_here(compose(without_sweeps(overrides)))
+    for config in configs:
+        check_logger(config)
+        planned = [TRAIN] if config.objective == "validation_nll" else [TRAIN, CONTROL]
+        check_devices(config, incomplete(config, planned) if is_here else [])
+
+
 @contextmanager
 def _progress(jobs: Sweep) -> Iterator[list[str]]:
     """Show the progress of several workers together; yields the command line for Hydra, on which they are silent.
 
     One worker, or a single job, shows the progress of its stages itself.
     """
-    if not sweep.is_sweep(jobs.overrides):
+    if not is_sweep(jobs.overrides):
         yield [*jobs.overrides]
         return
-    composed = compose([line for line in jobs.overrides if not sweep.is_sweep([line])])
+    composed = compose(without_sweeps(jobs.overrides))
     workers, arguments = num_workers(composed), ["-m", *jobs.overrides]
     if workers == 1 or len(jobs.configs) == 1:
         yield arguments
@@ -189,11 +203,12 @@ def _run_companions(jobs: Sweep) -> None:
 def _launch(arguments: list[str]) -> list[str]:
     """Let Hydra run the jobs of a command line; returns an error of its launcher as a sentence, if there is one."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise exceptions rather than print them
-    fixed = sweep.fixed_keys([each for each in arguments if each not in MULTIRUN])
+    fixed = keys(without_sweeps(each for each in arguments if each not in MULTIRUN))
     named = f"hydra.job.config.override_dirname.exclude_keys={json.dumps(fixed)}"  # log lines name the others
     original, sys.argv[1:] = sys.argv[1:], [*arguments, named]
     try:
-        _job()
+        with sigint_spares_workers():
+            _job()
     except (HydraException, MachineError):  # a sentence already
         raise
     except Exception as error:
@@ -225,8 +240,8 @@ def _job(composed: DictConfig) -> float | list[float] | None:
         if interruption(error):
             raise
         is_sentence = isinstance(error, (ConfigError, MachineError, StoreError))
-        message = "This job failed: %s Run the same command again to resume."
-        log.error(message, str(error).rstrip(".") + ".", exc_info=not is_sentence)
+        remedy = "" if is_sentence else " Run the same command again to resume."
+        log.error("This job failed: %s.%s", str(error).rstrip("."), remedy, exc_info=not is_sentence)
         if composed.get("objective"):
             raise
     return None

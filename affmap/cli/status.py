@@ -12,7 +12,7 @@ from rich.text import Text
 
 from affmap.cli.app import command, read_jobs
 from affmap.cli.tables import console
-from affmap.config import sweep
+from affmap.config import notes
 from affmap.config.search import Search
 from affmap.pipeline import status
 from affmap.pipeline.progress import duration
@@ -41,10 +41,10 @@ def main() -> None:
 
 
 def _status(arguments: list[str]) -> None:
-    folders = [Path(argument) for argument in arguments if sweep.is_folder(argument)]
-    overrides = [argument for argument in arguments if not sweep.is_folder(argument)]
+    folders = [Path(argument) for argument in arguments if notes.is_folder(argument)]
+    overrides = [argument for argument in arguments if not notes.is_folder(argument)]
     if not arguments:
-        folders = sweep.folders_with_notes()
+        folders = notes.folders_with_notes()
     out = console()
     if not arguments and not folders:
         print("There is no sweep in runs; `affmap experiment=exp1` begins one.")
@@ -54,7 +54,7 @@ def _status(arguments: list[str]) -> None:
     outputs: set[Path] = set()
     for path in folders:
         try:
-            _show([*sweep.read_note(path), *overrides], out, outputs)
+            _show([*notes.read_note(path), *overrides], out, outputs)
         except (ConfigError, HydraException) as error:  # go on with the others
             problems.append(f"{path}: {error}")
     if problems:

@@ -4,14 +4,11 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import hydra
 from hydra import initialize_config_dir
 from hydra.core.config_search_path import ConfigSearchPath
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
 from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
@@ -124,36 +121,16 @@ def launch_settings(composed: Any) -> dict[str, Any]:
         return {**settings, WORKERS: OmegaConf.select(composed, WORKERS, default=1)}
 
 
+def runs_here(composed: Any) -> bool:
+    """Whether Hydra's launcher runs the jobs on this machine, and on no other of a cluster."""
+    return composed.hydra.runtime.choices["hydra/launcher"] in ("basic", "joblib")
+
+
 def num_workers(composed: Any) -> int:
     """The number of jobs that Hydra's launcher runs at the same time on this machine."""
     import joblib  # takes a fifth of a second to import
 
     return int(joblib.effective_n_jobs(launch_settings(composed)[WORKERS]))
-
-
-def parse(overrides: Sequence[str]) -> list[Override]:
-    """The overrides of a command line."""
-    with hydra_errors():
-        parsed = overrides_parser().parse_overrides([*overrides])
-    for each in parsed:
-        if not each.key_or_group:
-            raise ConfigError(
-                f"the override {format_value(each.input_line)} cannot be read: it has no key; write key=value, such as "
-                "model.context_size=3."
-            )
-    return parsed
-
-
-def overrides_parser() -> OverridesParser:
-    """Hydra's parser of overrides, which knows the groups of `conf` that `glob(...)` chooses from."""
-    with initialize_config_dir(str(folder()), version_base="1.3"):
-        parser = OverridesParser.create(GlobalHydra.instance().config_loader())
-    parser.functions.functions["shuffle"] = _shuffle
-    return parser
-
-
-def _shuffle(*_: Any, **__: Any) -> NoReturn:
-    raise ValueError("it has another order each time it is read; write the order itself")
 
 
 def compose(overrides: Sequence[str]) -> Any:

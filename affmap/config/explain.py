@@ -55,9 +55,9 @@ def _explain(error: Exception) -> str:
         if requirements(name):
             return f"{missing(f'{group} = {name!r}', name)}."
     if choice := re.search(r"Could not find '(.*)'\n+Available options in '([\w/]+)':((?:\n\t.*)*)", text):
-        path, group, options = choice.groups()
+        path, group, listed = choice.groups()
         name = path.removeprefix(f"{group}/")
-        every = [*options.split(), *_nested(group)]
+        every = [*listed.split(), *_nested(group)]  # files of Hydra's own groups, too
         meant = next((each for each in every if short_name(each).lower() == name.lower()), name)  # as in reports
         return f"{group} = {format_value(name)} does not exist; {alternatives(meant, every)}"
     if present := re.search(r"An item is already at '(.+?)'", text):
@@ -158,7 +158,12 @@ def _nested(group: str) -> list[str]:
     return [str(path.relative_to(group).with_suffix("")) for path in paths if path.parent.as_posix() not in known]
 
 
-def groups() -> set[str]:
-    """The groups of which a configuration chooses files."""
+def groups() -> list[str]:
+    """The groups of which a configuration chooses files, in the order of its defaults."""
     entries = [entry for entry in read(".", "config")["defaults"] if isinstance(entry, dict)]
-    return {key.removeprefix("override ") for entry in entries for key in entry}
+    return [key.removeprefix("override ") for entry in entries for key in entry]
+
+
+def options(group: str) -> list[str]:
+    """The files of a group of `conf`, as an override names them."""
+    return [*names(group), *_nested(group)]

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from itertools import permutations
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
@@ -15,42 +15,33 @@ from affmap.control.settings import ControlSettings
 from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
 from affmap.env.effects import check_compiled
-from affmap.env.layout import Acts, Layout
+from affmap.env.layout import Acts, Layout, is_rules
 from affmap.env.procedural import Procedural, is_procedural
 from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
-from affmap.settings import ConfigError, Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings, lies_in
+from affmap.settings import Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings, lies_in
 from affmap.settings.messages import format_value
 from affmap.training.settings import TrainingSettings
-
-L = TypeVar("L", Layout, Procedural)
 
 
 def _layout(name: Any) -> Any:
     """The layout of `conf/layout/<name>.yaml`; whatever is no name is left to the next check."""
     if isinstance(name, str) and is_procedural(name):
         raise ValueError("is procedural, which only control_layout may be; name a fixed layout")
-    return _load(Layout, name) if isinstance(name, str) else name
+    return Layout.load("layout", name) if isinstance(name, str) else name
 
 
 def _any_layout(name: Any) -> Any:
     """The fixed or procedural layout of `conf/layout/<name>.yaml`."""
     if isinstance(name, str) and is_procedural(name):
-        return _load(Procedural, name)
+        return Procedural.load("layout", name)
     return _layout(name)
 
 
-def _load(kind: type[L], name: str) -> L:
-    layout = kind.load("layout", name)
-    if layout.name != name:  # reports would mistake it for another
-        raise ConfigError(f"conf/layout/{name}.yaml: name = {layout.name!r} must be that of the file, {name!r}.")
-    return layout
-
-
 def _kind(layout: Any) -> str:
-    procedural = "properties" in layout if isinstance(layout, Mapping) else isinstance(layout, Procedural)
+    procedural = is_rules(layout) if isinstance(layout, Mapping) else isinstance(layout, Procedural)
     return "procedural" if procedural else "fixed"
 
 

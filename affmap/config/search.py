@@ -9,10 +9,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 
-from affmap.config.compose import check, compose, overrides_parser, parse, values
+from affmap.config.compose import check, compose, values
+from affmap.config.overrides import overrides_parser, parse, without_sweeps
 from affmap.config.root import Config
 from affmap.results.provenance import leaves
 from affmap.settings import ConfigError, Settings
@@ -54,7 +54,7 @@ class OtherSearch(NamedTuple):
             ConfigError: it is invalid; the message says why.
         """
         overrides = parse(arguments)
-        fixed = _fixed(overrides)
+        fixed = without_sweeps(arguments)
         composed = compose(fixed)
         sweeper = composed.hydra.runtime.choices["hydra/sweeper"]
         if sweeper in ("basic", "hyperopt"):
@@ -91,7 +91,7 @@ class Search(NamedTuple):
                 "hydra/sweeper=hyperopt has progress and reports."
             )
         overrides = parse(arguments)
-        fixed = _fixed(overrides)
+        fixed = without_sweeps(arguments)
         composed = compose(fixed)
         if composed.hydra.runtime.choices["hydra/sweeper"] == "basic":
             return None
@@ -155,11 +155,6 @@ class Search(NamedTuple):
                 if _relevant(stored) == _relevant(fixed):
                     return [*stored]
         return fixed
-
-
-def _fixed(overrides: Sequence[Override]) -> list[str]:
-    """Overrides of all trials."""
-    return [str(each.input_line) for each in overrides if not each.is_sweep_override()]
 
 
 def _check(fixed: Sequence[str]) -> Config:

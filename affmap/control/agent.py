@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
 import torch
 from torch import Tensor
 
@@ -49,6 +50,8 @@ class Agent(PlanningAgent):
         settings: the settings of control.
         channels: names of the K channels that the members have learned to see; None if unknown.
         vehicle: physical constants of the vehicle that they have learned to fly; None if unknown.
+        losses: those of their training, a row for each member and epoch, with the columns `member` (its seed), `epoch`
+            (from 1), `training_nll` and `validation_nll` (nats); None if unknown.
     """
 
     def __init__(
@@ -59,11 +62,12 @@ class Agent(PlanningAgent):
         settings: ControlSettings,
         channels: Sequence[str] | None = None,
         vehicle: Vehicle | None = None,
+        losses: pd.DataFrame | None = None,
     ) -> None:
         """Assemble an agent; `lookup` must belong to `stack`, whose weights cease to require gradients."""
         super().__init__(planner, settings)
         self.stack, self.lookup = stack.requires_grad_(False), lookup
-        self.channels, self.vehicle = channels, vehicle
+        self.channels, self.vehicle, self.losses = channels, vehicle, losses
         self._direct, self._cached = DirectEncoder(self.stack), CachedEncoder(self.stack)
         self._compiled = self._compile()
 
@@ -83,13 +87,13 @@ class Agent(PlanningAgent):
             ConfigError: the worlds are no list of visible layouts, such as `[layout.map]`.
         """
         lookup = self.lookup.elsewhere(self.stack, worlds)
-        return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle)
+        return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle, self.losses)
 
     def save(self, folder: str | Path) -> None:
         """Write the agent into a folder, from where `affmap.load` makes an agent that flies the same runs.
 
-        The folder holds weights, settings, vehicle and the visible part of its world. An agent that was saved there
-        earlier is replaced, and nothing else is: any other file stays, and is an error.
+        The folder holds weights, settings, vehicle, losses and the visible part of its world. An agent that was saved
+        there earlier is replaced, and nothing else is: any other file stays, and is an error.
 
         Raises:
             ConfigError: the folder cannot be used, or holds something else; or a part of the agent cannot be saved,

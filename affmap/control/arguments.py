@@ -1,8 +1,10 @@
 """Arguments of flights that are started from Python: checked, and their defaults by the agent."""
 
+from __future__ import annotations
+
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,16 +14,13 @@ from affmap.control.controller import Controller
 from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import Oracle
 from affmap.control.settings import ControlSettings
-from affmap.env.body import Vehicle
+from affmap.env.body import AnyVehicle, Vehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, Procedural
 from affmap.env.procedural import load as load_layout
-from affmap.settings import ConfigError, Settings, read
+from affmap.settings import ConfigError
 from affmap.settings.messages import format_value
-
-AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
-"""Physical constants; or their keys and values; or the name of their file in `conf/vehicle`."""
 
 
 def layouts(given: AnyLayout | Sequence[AnyLayout]) -> list[Layout | Procedural]:
@@ -46,26 +45,6 @@ def agent(given: Any) -> Controller:
     return controller
 
 
-def changed(group: str, values: Mapping[str, Any], changes: Any) -> dict[str, Any]:
-    """The values of a group of the configuration with changes: some keys and values, all as settings, or a file's name.
-
-    Raises:
-        ConfigError: there is no such file, or the changes are none.
-    """
-    if changes is None:
-        return dict(values)
-    if isinstance(changes, str):
-        return dict(read(group, changes))
-    if not isinstance(changes, Mapping | Settings):
-        raise ConfigError(
-            f"{group} = {format_value(changes)} is not allowed: give some of its keys and values, such as "
-            f"{format_value(dict([*values.items()][:1]))}, its settings, or the name of a file in conf/{group}."
-        )
-    new = dict(changes)
-    same_kind = new.get("kind", values.get("kind")) == values.get("kind")
-    return {**values, **new} if same_kind else new
-
-
 def settings(controller: Controller, runs: int | None, steps: int | None) -> ControlSettings:
     """The settings of control of a controller, perhaps with other numbers of runs and steps.
 
@@ -73,8 +52,8 @@ def settings(controller: Controller, runs: int | None, steps: int | None) -> Con
         ConfigError: a number is not allowed.
     """
     own = controller.settings if isinstance(controller, PlanningAgent) else ControlSettings.load("control", "default")
-    given = {"runs_per_member": runs, "num_steps": steps}
-    changes = {key: value for key, value in given.items() if value is not None}
+    given = {"runs_per_member": ("runs", runs), "num_steps": ("steps", steps)}
+    changes = {key: whole(*pair, least=1) for key, pair in given.items() if pair[1] is not None}
     values = {key: getattr(own, key) for key in ControlSettings.model_fields}  # all of them, the device, too
     return ControlSettings.checked(values | changes, "flight")
 
@@ -103,14 +82,14 @@ def vehicle(controller: Controller, given: AnyVehicle | None = None) -> Vehicle:
     return flown
 
 
-def seed(given: int) -> int:
-    """A seed.
+def whole(name: str, given: Any, least: int = 0) -> int:
+    """A whole number that is an argument of a call.
 
     Raises:
-        ConfigError: it is no whole number, or negative.
+        ConfigError: it is none, or less than `least`.
     """
-    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 0:
-        raise ConfigError(f"seed = {format_value(given)} is not allowed; give a whole number, 0 or more.")
+    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < least:
+        raise ConfigError(f"{name} = {format_value(given)} is not allowed; give a whole number, {least} or more.")
     return int(given)
 
 

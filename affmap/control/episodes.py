@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -15,10 +16,9 @@ from numpy.typing import ArrayLike
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings, check_channels, prediction_error, seeds_of
-from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.oracle import Oracle
-from affmap.env.body import Vehicle
+from affmap.env.body import AnyVehicle, Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, first_layout
 from affmap.env.vehicle import VehicleEnv
@@ -32,17 +32,23 @@ from affmap.threads import limited
 from affmap.view import views
 
 
-class Runs(NamedTuple):
+@dataclass(frozen=True, repr=False, eq=False)
+class Runs:
     """Results of B runs."""
 
-    table: pd.DataFrame
-    """One row a run; columns as `summarise` explains."""
     trajectories: dict[str, np.ndarray]
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
     `[B, T, H, 2]` (u), `prediction_error [B, T]` (nats), `touching`, `in_fog`, `reached [B, T]`, `member [B]`,
     `run [B]`. Values that a controller does not predict are NaN."""
     layouts: list[Layout]
     """`[B]`, in which the runs took place."""
+    vehicle: Vehicle
+    """Physical constants of the vehicle that flew."""
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """One row a run; columns as `summarise` explains."""
+        return summarise(self.trajectories)
 
     def _repr_html_(self) -> str | None:
         return notebook.runs(self)
@@ -112,7 +118,7 @@ def control(
     trajectories["position"] = np.stack(positions, axis=1).astype(np.float32)
     trajectories["goal"] = np.stack([env.goal for env in envs])
     trajectories["member"], trajectories["run"] = np.array(pairs).T
-    return Runs(summarise(trajectories), trajectories, list(layouts_of_runs))
+    return Runs(trajectories, list(layouts_of_runs), vehicle)
 
 
 def fly(
@@ -172,7 +178,7 @@ def fly(
             update,
             starts=arguments.places("starts", starts, shape, first, physics.radius),
             goals=arguments.places("goals", goals, shape, first),
-            seed=arguments.seed(seed),
+            seed=arguments.whole("seed", seed),
         )
 
 
@@ -217,12 +223,14 @@ def _batch(observations: Sequence[dict[str, np.ndarray]], pictures: np.ndarray, 
 def summarise(trajectories: dict[str, np.ndarray]) -> pd.DataFrame:
     """Summarise runs in a table, one row per run.
 
-    Columns: member, run; start_x, start_y, goal_x, goal_y (u); and the metrics that tables of runs have
-    (`affmap.results.metrics`): prediction_error (nats, mean over steps of the negative log-likelihood of the change of
-    position; NaN where nothing was predicted); mean_distance (u, between true position and goal, mean over the steps'
-    ends); reached; steps_to_reach (empty where not reached); success (reached, and never in fog; Experiment IV);
-    steps_touching; steps_in_fog; final_spread (u, largest distance of the positions of the last quarter from their
-    mean: less than the vehicle's diameter if it is stuck).
+    Columns: member, run; start_x, start_y, goal_x, goal_y (u); all metrics of runs (`affmap.results.metrics`), those of
+    users (`affmap.register_metric`) last. Ours are: prediction_error (nats, mean over steps of the negative
+    log-likelihood of the change of position; NaN where nothing was predicted); mean_distance (u, between true position
+    and goal, mean over the steps' ends); reached; steps_to_reach (empty where not reached); success (reached, and never
+    in fog; Experiment IV); steps_touching; steps_in_fog; final_spread (u, largest distance of the positions of the last
+    quarter from their mean: less than the vehicle's diameter if it is stuck).
+
+    Raises:
+        ConfigError: a metric of a user has another number of values, or its module cannot be imported.
     """
-    paths = Trajectories(**trajectories)
-    return metrics.places(paths).join(metrics.summarise(paths, metrics.stored_metrics()))
+    return metrics.table(Trajectories(**trajectories), metrics.run_metrics())

@@ -1,5 +1,7 @@
 """Agents compared in layouts: a tidy table with a row for each run."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -7,17 +9,15 @@ import pandas as pd
 
 from affmap.control import arguments
 from affmap.control.agent import Agent, seeds_of
-from affmap.control.arguments import AnyVehicle
 from affmap.control.controller import Controller
-from affmap.control.episodes import bring, control
+from affmap.control.episodes import Runs, bring, control
 from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import HalfOracle
+from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, Procedural
 from affmap.progress import reported, silent
 from affmap.random import generator
-from affmap.results import metrics
-from affmap.results.files import Trajectories
 from affmap.settings import ConfigError
 from affmap.settings.messages import format_value
 from affmap.threads import limited
@@ -83,12 +83,12 @@ def evaluate(
         for name, agent in named.items():
             physics, settings = arguments.vehicle(agent, vehicle), arguments.settings(agent, runs, steps)
             for place in places:
-                worlds = _worlds(place, agent, settings.runs_per_member, arguments.seed(seed))
+                worlds = _worlds(place, agent, settings.runs_per_member, arguments.whole("seed", seed))
                 show = reported if progress else silent
                 with show(f"{name} in {place.name}", settings.num_steps, "steps", on_terminal_only=True) as update:
                     controller = bring(agent, *worlds)
                     flown = control(controller, worlds, physics, settings, seeds_of(agent), update, seed=seed)
-                tables.append(_table(name, agent, place.name, Trajectories(**flown.trajectories)))
+                tables.append(_table(name, agent, place.name, flown))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -106,8 +106,8 @@ def _kind(agent: Controller) -> str:
     return str(getattr(part, "kind", type(part).__name__))
 
 
-def _table(name: str, agent: Controller, layout: str, paths: Trajectories) -> pd.DataFrame:
-    table = metrics.places(paths).join(metrics.summarise(paths, metrics.run_metrics()))
+def _table(name: str, agent: Controller, layout: str, flown: Runs) -> pd.DataFrame:
+    table = flown.table.copy()
     learned = agent.agent if isinstance(agent, HalfOracle) else agent
     size = learned.stack.context_size if isinstance(learned, Agent) else None
     for column, value in (("layout", layout), ("context_size", size), ("agent", name)):

@@ -4,6 +4,8 @@ The base of all agents that plan, whether a learned model (`agent`) or the true 
 One object steers B vehicles at once; it knows a planner, and no environment.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, NamedTuple

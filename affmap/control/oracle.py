@@ -5,6 +5,8 @@ half oracle takes one of them, and the other from a trained agent. Planner, sens
 the difference in performance is the cost of errors in that part of the model. (The paper has no such agents.)
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
@@ -70,7 +72,7 @@ class Oracle(PlanningAgent):
     def __repr__(self) -> str:
         return f"Oracle({type(self.planner).__name__}, {counted(len(self._twin), 'world')})"
 
-    def elsewhere(self, layouts: Sequence[Layout]) -> "Oracle":
+    def elsewhere(self, layouts: Sequence[Layout]) -> Oracle:
         """Copy of the agent for another world, or for B others (member-major)."""
         return Oracle(layouts, self.vehicle, self.planner, self.settings, self.step_std)
 
@@ -138,7 +140,7 @@ class HalfOracle(Oracle):
     def __repr__(self) -> str:
         return f"HalfOracle(true {'mean' if self.true_mean else 'deviation'}, {self.agent!r})"
 
-    def elsewhere(self, layouts: Sequence[Layout]) -> "HalfOracle":
+    def elsewhere(self, layouts: Sequence[Layout]) -> HalfOracle:
         """Copy of the agent for another world, or for B others (member-major).
 
         Raises:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from affmap.control import arguments, saved
+from affmap.control import saved
 from affmap.control.agent import Agent, ControlSettings
 from affmap.control.episodes import bring
 from affmap.env.body import Vehicle
@@ -19,7 +20,9 @@ from affmap.model.weights import WEIGHTS, restore
 from affmap.planning.planner import Planner, is_planner
 from affmap.planning.registry import AnyPlanner
 from affmap.results import manifest, provenance
+from affmap.results.files import VALIDATION, read_validation
 from affmap.settings import ConfigError, Settings
+from affmap.settings.changes import changed
 from affmap.settings.messages import format_value
 from affmap.store.stage import check_file
 from affmap.threads import limited
@@ -55,6 +58,11 @@ def load(
             says what there is.
         StoreError: the weights are corrupted.
     """
+    if not isinstance(source, str | Path):
+        raise ConfigError(
+            f"source = {format_value(source)} is not allowed; give a folder, or the name of an experiment, such as "
+            "'exp1'."
+        )
     members = None if members is None else _members(members)
     if saved.is_saved(Path(source)):
         with limited(threads):
@@ -64,7 +72,7 @@ def load(
     record = manifest.read(report)
     job = _job(record, report, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
-    stack = _stack(report.parent / "store" / "train", job["train"], members)
+    stack, losses = _trained(report.parent / "store" / "train", job["train"], members)
     first = first_layout(config["control_layout"], members[0])
     with limited(threads):
         lookup = make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map])
@@ -75,6 +83,7 @@ def load(
         ControlSettings.model_validate({"device": "cpu", **config["control"]}),
         first.channels,
         Vehicle.model_validate(config["vehicle"]),
+        losses,
     )
 
 
@@ -190,7 +199,9 @@ def _job(
     if not sizes:
         raise ConfigError(f"{report} has no models: its store, {report.parent / 'store'}, is not there.")
     if context_size not in sizes:
-        raise ConfigError(f"{report} has models of the context sizes {sizes}, and none of {context_size}.")
+        raise ConfigError(
+            f"{report} has models of the context sizes {sizes}, and none of {format_value(context_size)}."
+        )
     layouts = list(dict.fromkeys(job["layout"] for job in record["jobs"]))
     if layout not in (None, *layouts):
         raise ConfigError(f"{report} has flights in {', '.join(layouts)}, and none in {layout!r}.")
@@ -209,16 +220,24 @@ def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
     return ModelSettings.checked(values, "the configuration of the models").transition.kind
 
 
-def _stack(store: Path, digests: Sequence[str], members: Sequence[int]) -> Stack:
-    """Load members of a training, or of one of the trainings that its members were divided among."""
+def _trained(store: Path, digests: Sequence[str], members: Sequence[int]) -> tuple[Stack, pd.DataFrame | None]:
+    """Load members of a training, or of one of the trainings that its members were divided among.
+
+    Their losses are None in an installed package, which has only the weights.
+    """
     all_seeds: list[int] = []
     for digest in digests:
-        config = check_file(store / digest, WEIGHTS)["config"]
+        folder = store / digest
+        config = check_file(folder, WEIGHTS)["config"]
         seeds = range(config["seed"], config["seed"] + config["members"])
         if members and all(member in seeds for member in members):
-            settings = ModelSettings.checked(config["model"], str(store / digest))
+            settings = ModelSettings.checked(config["model"], str(folder))
             whole = Stack(settings, len(config["training_layouts"][0]["channels"]), seeds)
-            return restore(whole, store / digest / WEIGHTS).select([seeds.index(member) for member in members])
+            stack = restore(whole, folder / WEIGHTS).select([seeds.index(member) for member in members])
+            if not (folder / VALIDATION).is_file():
+                return stack, None
+            check_file(folder, VALIDATION)
+            return stack, read_validation(folder, members)
         all_seeds += seeds
     raise ConfigError(
         f"members = {[*members]} is not allowed: {store.parent.parent} has {all_seeds}"
@@ -230,7 +249,7 @@ def _planner(planner: Planner | Mapping[str, Any] | str | None, default: Mapping
     if is_planner(planner):
         return planner
     origin = f"conf/planner/{planner}.yaml" if isinstance(planner, str) else "load" if planner else "the report"
-    return _Planning.checked({"planner": arguments.changed("planner", default, planner)}, origin).planner
+    return _Planning.checked({"planner": changed("planner", default, planner)}, origin).planner
 
 
 class _Planning(Settings):

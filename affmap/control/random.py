@@ -1,5 +1,7 @@
 """An agent with random throttles, as a baseline by chance."""
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np
@@ -8,7 +10,7 @@ from affmap.control.controller import Decision, Observation
 from affmap.control.registry import register_agent
 from affmap.lazy import torch
 from affmap.planning.planner import Generators
-from affmap.settings import Settings
+from affmap.settings import Settings, preset
 
 
 @register_agent
@@ -18,7 +20,7 @@ class RandomAgent(Settings, defaults="agent/random"):
     It has no model, and predicts nothing.
     """
 
-    kind: Literal["random"]
+    kind: Literal["random"] = preset()
 
     def initial(self, num_problems: int) -> None:
         """Return no state: nothing is remembered."""

@@ -1,11 +1,13 @@
 """Registry of the agents that a configuration can name: those of this folder and those registered by others."""
 
+from __future__ import annotations
+
 from typing import Annotated, Literal, Protocol
 
 from pydantic import PlainValidator
 
 from affmap.control.controller import Controller
-from affmap.settings import Length, Settings
+from affmap.settings import Length, Settings, preset
 from affmap.settings.registry import Registry, S
 
 _registry = Registry("affmap.control", place="agent.kind")
@@ -26,28 +28,29 @@ def register_agent(agent: type[S]) -> type[S]:
 class ConfiguredController(Controller, Protocol):
     """A controller whose settings are a file of `conf/agent`."""
 
-    kind: str
-    """Its name in configurations and tables."""
+    @property
+    def kind(self) -> str:
+        """Its name in configurations and tables."""
 
 
 @register_agent
 class AgentSettings(Settings, defaults="agent/planner"):
     """A model-predictive `Agent` (`conf/agent/planner.yaml`), made of the groups `model`, `lookup` and `planner`."""
 
-    kind: Literal["planner"]
+    kind: Literal["planner"] = preset()
 
 
 @register_agent
 class OracleSettings(Settings, defaults="agent/oracle"):
     """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
 
-    kind: Literal["oracle", "true_mean", "true_deviation"]
+    kind: Literal["oracle", "true_mean", "true_deviation"] = preset()
     """Part of the imagination that is true: all, the mean or the deviation; the rest comes from the model."""
-    std: Length
+    std: Length = preset()
     """Standard deviation of a true step outside fog, u."""
 
 
-def is_learned(agent: "AgentSettings | OracleSettings | ConfiguredController") -> bool:
+def is_learned(agent: AgentSettings | OracleSettings | ConfiguredController) -> bool:
     """Whether an agent imagines with a trained model, wholly or in part."""
     return isinstance(agent, AgentSettings) or (isinstance(agent, OracleSettings) and agent.kind != "oracle")
 

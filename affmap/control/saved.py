@@ -1,6 +1,7 @@
-"""Agents as folders: weights as safetensors, everything else as JSON, so that reading executes nothing.
+"""Agents as folders: weights as safetensors, losses as CSV, everything else as JSON, so that reading executes nothing.
 
-`agent.json` has a checksum of its own and the digest of the weights. A folder is written beside its place and renamed.
+`agent.json` has a checksum of its own and the digests of the other files. A folder is written beside its place and
+renamed.
 """
 
 import shutil
@@ -14,6 +15,7 @@ from affmap.model.stack import ModelSettings, Stack
 from affmap.model.weights import WEIGHTS, copy, restore
 from affmap.model.weights import save as save_weights
 from affmap.planning.registry import AnyPlanner
+from affmap.results.files import VALIDATION, read_validation, write_validation
 from affmap.settings import ConfigError, Count, Line, Seed, Settings, check_folder
 from affmap.settings.messages import format_value
 from affmap.store.files import guarded_read, read_json, replace_folder, sha256, write_json
@@ -22,11 +24,14 @@ from affmap.store.stage import StoreError
 from affmap.view import VisibleLayout
 
 AGENT = "agent.json"
-"""File of a saved agent that holds all but its weights."""
+"""File of a saved agent that holds all but its weights and the losses of its training."""
+
+FILES = (AGENT, WEIGHTS, VALIDATION)
+"""All files that a saved agent may have; without known losses, the last one is not there."""
 
 
 class _Record(Settings):
-    """All of an agent but its weights."""
+    """All of an agent but its weights and losses."""
 
     seeds: tuple[Seed, ...]
     num_channels: Count
@@ -54,7 +59,9 @@ def save(agent: Agent, folder: str | Path) -> None:
     new.mkdir(parents=True)
     try:
         save_weights(copy(agent.stack), new / WEIGHTS)
-        files = {WEIGHTS: sha256(new / WEIGHTS)}
+        if agent.losses is not None:
+            write_validation(new, agent.losses)
+        files = {path.name: sha256(path) for path in new.iterdir()}
         write_json(new / AGENT, with_checksum({"agent": record.plain, "versions": versions(), "files": files}))
         _check_transition(agent.stack, _read(new)[1])
         replace_folder(new, place)
@@ -80,21 +87,23 @@ def load(folder: Path, members: Sequence[int] | None = None) -> Agent:
         if not members or not {*members} <= {*stack.seeds}:
             raise ConfigError(f"members = {[*members]} is not allowed: {folder} has {[*stack.seeds]}.")
         stack = stack.select([stack.seeds.index(member) for member in members])
+    losses = read_validation(folder, members) if (folder / VALIDATION).is_file() else None
     lookup = make_lookup(record.lookup, stack, [record.world])
-    return Agent(stack, lookup, record.planner, record.control, record.channels, record.vehicle)
+    return Agent(stack, lookup, record.planner, record.control, record.channels, record.vehicle, losses)
 
 
 def _read(folder: Path) -> tuple[_Record, Stack]:
-    """The two files of a folder; see `load`."""
+    """All of an agent but its losses, once every file of its folder is verified; see `load`."""
     path = folder / AGENT
     try:
         content = read_json(path)
         intact = isinstance(content, dict) and has_valid_checksum(content)
-        intact = intact and content["files"] == {WEIGHTS: sha256(folder / WEIGHTS)}
+        digests = {name: sha256(folder / name) for name in FILES if name != AGENT and (folder / name).exists()}
+        intact = intact and content["files"] == digests
     except (OSError, ValueError, KeyError):
         intact = False
     if not intact:
-        raise StoreError(f"{folder} is corrupted: {AGENT} or {WEIGHTS} is not as it was saved; restore it.")
+        raise StoreError(f"{folder} is corrupted: {' or '.join(FILES)} is not as it was saved; restore it.")
     with guarded_read(path):
         values = content["agent"]
         record = _Record.checked({**values, "control": {"device": "cpu", **values["control"]}}, str(path))
@@ -158,10 +167,10 @@ def _check_replaceable(place: Path) -> None:
         ConfigError: something else is there.
     """
     if place.is_dir():
-        strangers = sorted(path.name for path in place.iterdir() if path.name not in (AGENT, WEIGHTS))
-        if not strangers and (is_saved(place) or not any(place.iterdir())):
+        strangers = sorted(path.name for path in place.iterdir() if path.name not in FILES or not is_saved(place))
+        if not strangers:
             return
-        reason = f"has {strangers[0] if strangers else WEIGHTS}, which is no saved agent"
+        reason = f"has {strangers[0]}, which is no saved agent"
     elif place.exists():
         reason = "is a file"
     else:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from affmap.settings import Count, Length, NonNegative, Settings
+from affmap.settings import Count, Length, NonNegative, Settings, preset
 
 
 def _check_device(device: str) -> str:
@@ -17,19 +17,19 @@ def _check_device(device: str) -> str:
 class ControlSettings(Settings, defaults="control/default"):
     """Settings of control and its evaluation (`conf/control`)."""
 
-    num_steps: Count
+    num_steps: Count = preset()
     """T, steps of a run."""
-    runs_per_member: Count
+    runs_per_member: Count = preset()
     """Run r of a member starts in corner r modulo 4."""
-    beta: Annotated[NonNegative, Field(le=1e6)]
+    beta: Annotated[NonNegative, Field(le=1e6)] = preset()
     """Weight of the uncertainty in the expected free energy; from a million on, rounding loses the divergence."""
-    goal_std_far: Length
+    goal_std_far: Length = preset()
     """Standard deviation of the desired position, u."""
-    goal_std_near: Length
+    goal_std_near: Length = preset()
     """Standard deviation of the desired position once the goal is near, u."""
-    near_distance: Length
+    near_distance: Length = preset()
     """Distance to the goal below which it is near, u."""
-    goal_radius: Length
+    goal_radius: Length = preset()
     """Distance to the goal below which it is reached, u."""
-    device: Annotated[str, AfterValidator(_check_device), Field(exclude=True)]
+    device: Annotated[str, AfterValidator(_check_device), Field(exclude=True)] = preset()
     """Device for planning: cpu or cuda."""

@@ -1,5 +1,7 @@
 """An agent that flies straight ahead, as a baseline without perception."""
 
+from __future__ import annotations
+
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -9,7 +11,7 @@ from affmap.control.registry import register_agent
 from affmap.env.body import THROTTLES
 from affmap.lazy import torch
 from affmap.planning.planner import Generators
-from affmap.settings import Length, NonNegative, Settings
+from affmap.settings import Length, NonNegative, Settings, preset
 
 
 @register_agent
@@ -20,10 +22,10 @@ class StraightAgent(Settings, defaults="agent/straight"):
     throttles in proportion to the remaining distance. It has no model, predicts nothing, and avoids nothing.
     """
 
-    kind: Literal["straight"]
-    foresight: Annotated[NonNegative, Field(le=1e6)]
+    kind: Literal["straight"] = preset()
+    foresight: Annotated[NonNegative, Field(le=1e6)] = preset()
     """Steps for which its speed is assumed to last; 0 for a vehicle that does not brake before the goal."""
-    slow_distance: Length
+    slow_distance: Length = preset()
     """Distance along the direction of a throttle from which that throttle is fully open, u."""
 
     def initial(self, num_problems: int) -> None:

@@ -3,6 +3,8 @@
 Knows data sets and Lightning, and of models only the form of their views.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple

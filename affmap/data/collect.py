@@ -3,6 +3,8 @@
 Knows the environment; knows no models.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

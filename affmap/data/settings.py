@@ -1,26 +1,28 @@
 """The numbers of exploration, apart from the code that needs the environment (which takes a second to import)."""
 
+from __future__ import annotations
+
 from typing import Self
 
 from pydantic import model_validator
 
-from affmap.settings import Count, Seed, Settings, Share
+from affmap.settings import Count, Seed, Settings, Share, preset
 
 
 class Exploration(Settings, defaults="data/default"):
     """Settings of exploration (`conf/data`)."""
 
-    seed: Seed
+    seed: Seed = preset()
     """Seed of exploration and of the batch order."""
-    num_sequences: Count
+    num_sequences: Count = preset()
     """Sequences in each layout."""
-    num_steps: Count
+    num_steps: Count = preset()
     """T, steps of a sequence."""
-    num_validation: Count
+    num_validation: Count = preset()
     """Number of sequences of each layout, its last ones, for validation."""
-    max_hold: Count
+    max_hold: Count = preset()
     """Each action is held for 1 to `max_hold` steps; longer holds reach higher speeds."""
-    binary_share: Share
+    binary_share: Share = preset()
     """Share of the actions whose throttles are fully open or closed; the others are uniform in [0, 1]."""
 
     @model_validator(mode="after")

@@ -1,13 +1,16 @@
 """The vehicle as data: its throttles and physical constants, within the limits of Box2D, which is not imported."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from affmap.settings import Count, Length, NonNegative, Positive, Settings
+from affmap.settings import Count, Length, NonNegative, Positive, Settings, preset, read
+from affmap.settings.changes import changed
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
@@ -25,25 +28,25 @@ Iterations = Annotated[Count, Field(le=1000)]
 class Vehicle(Settings, defaults="vehicle/default"):
     """Physical constants (`conf/vehicle`)."""
 
-    radius: Annotated[Length, Field(ge=MIN_RADIUS)]
+    radius: Annotated[Length, Field(ge=MIN_RADIUS)] = preset()
     """Radius, u."""
-    mass: Positive
+    mass: Positive = preset()
     """Mass, kg."""
-    thrust: Positive
+    thrust: Positive = preset()
     """Force of one throttle fully open, N."""
-    damping: NonNegative
+    damping: NonNegative = preset()
     """Linear damping in free flight, 1/s."""
-    contact_damping: NonNegative
+    contact_damping: NonNegative = preset()
     """Linear damping while touching an obstacle or a border, 1/s."""
-    force: NonNegative
+    force: NonNegative = preset()
     """Strength of a force field, N."""
-    fog_std: Annotated[NonNegative, Field(le=1000)]
+    fog_std: Annotated[NonNegative, Field(le=1000)] = preset()
     """Standard deviation of the noise on each coordinate of the position reported from inside fog, u."""
-    time_step_s: Positive
+    time_step_s: Positive = preset()
     """Duration of a step, s."""
-    velocity_iterations: Iterations
+    velocity_iterations: Iterations = preset()
     """Box2D's solver iterations for velocities, a step."""
-    position_iterations: Iterations
+    position_iterations: Iterations = preset()
     """Box2D's solver iterations for positions, a step."""
 
     @model_validator(mode="after")
@@ -79,12 +82,18 @@ class Vehicle(Settings, defaults="vehicle/default"):
         return math.sqrt(2) * self.thrust / (self.mass * self.damping) * self.time_step_s * scale
 
 
-def load(vehicle: Vehicle | Mapping[str, Any] | str) -> Vehicle:
-    """A vehicle: as it is, from its keys and values, or by its name in `conf/vehicle`.
+AnyVehicle: TypeAlias = Vehicle | Mapping[str, Any] | str
+"""Physical constants; or some of their keys and values; or the name of their file in `conf/vehicle`."""
+
+
+def load(vehicle: AnyVehicle) -> Vehicle:
+    """A vehicle: as it is, by its name in `conf/vehicle`, or from keys and values; others are those of `default`.
 
     Raises:
         ConfigError: there is no such file, or a value is not allowed.
     """
     if isinstance(vehicle, str):
         return Vehicle.load("vehicle", vehicle)
-    return vehicle if isinstance(vehicle, Vehicle) else Vehicle.checked(vehicle, "vehicle")
+    if isinstance(vehicle, Vehicle):
+        return vehicle
+    return Vehicle.checked(changed("vehicle", read("vehicle", "default"), vehicle), "vehicle")

@@ -3,10 +3,12 @@
 A force in another direction is one more line of it.
 """
 
+from __future__ import annotations
+
 import re
 import sys
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +20,8 @@ Force = Callable[[np.ndarray, np.ndarray], np.ndarray]
 vehicle (`[..., 2]` in u), and the velocity of the vehicle (`[..., 2]` in u/s)."""
 
 
-class Effect(NamedTuple):
+@dataclass(frozen=True)
+class Effect:
     """An effect, its label and its colour."""
 
     label: str
@@ -53,12 +56,20 @@ def register_effect(name: str, effect: Effect) -> None:
     that imagine with the true physics (`oracle`, `true_mean`, `true_deviation`), which is compiled, do not know it.
 
     Raises:
-        ValueError: the name is taken, or a value is not allowed.
+        ValueError: the name is taken, or the effect is none, or a value is not allowed.
     """
-    if not re.fullmatch(NAME, name) or name in _OURS:
+    if not isinstance(effect, Effect):
+        raise ValueError(
+            f"the effect {format_value(name)} is {format_value(effect)}; give affmap.Effect(label, color), with a pull "
+            "or a force, such as affmap.Effect('whirls', '#e6c27a', force=whirl)."
+        )
+    if not re.fullmatch(NAME, str(name)) or name in _OURS:
         raise ValueError(f"the effect {format_value(name)} needs a name of its own, of letters, digits and _.")
-    if not effect.label or not re.fullmatch("#[0-9a-fA-F]{6}", effect.color):
-        raise ValueError(f"the effect {name!r} needs a label, and a colour such as '#c994c7'; it has {effect[:2]!r}.")
+    if not effect.label or not re.fullmatch("#[0-9a-fA-F]{6}", str(effect.color)):
+        raise ValueError(
+            f"the effect {name!r} needs a label, and a colour such as '#c994c7'; it has {effect.label!r} and "
+            f"{effect.color!r}."
+        )
     if effect.pull is not None and effect.force is not None:
         raise ValueError(f"the effect {name!r} has a pull and a force; give it one of them, a force can do both.")
     if effect.pull is not None and not (len(effect.pull) == 2 and np.isfinite(effect.pull).all()):

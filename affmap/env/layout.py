@@ -4,20 +4,23 @@ The effect of a circle and its look (its channel of the view) are separate. A la
 `conf/layout` holds the fixed ones.
 """
 
+from __future__ import annotations
+
 import math
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import product
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import check_effect
 from affmap.lazy import notebook
-from affmap.settings import Length, Line, Name, Neutral, Number, Settings
+from affmap.settings import ConfigError, Length, Line, Name, Neutral, Number, Settings, preset
+from affmap.settings.messages import format_value
 from affmap.view import VisibleLayout
 
 EffectName = Annotated[str, AfterValidator(check_effect)]
@@ -50,6 +53,11 @@ class Circle(Settings):
         return self.center[1]
 
 
+def is_rules(values: Mapping[str, Any]) -> bool:
+    """Whether the keys and values of a file in `conf/layout` are rules for random layouts rather than a layout."""
+    return "properties" in values
+
+
 MAX_CIRCLES = 1000
 """Most circles of a layout: a draw compares each with each, hundreds of times, and Box2D crashes beyond 10,000."""
 
@@ -72,7 +80,7 @@ class Arena(Settings):
     """Distance of the corner squares to the borders, u."""
     start_side: Length
     """Side of the corner squares, u."""
-    acts: Annotated[Acts, Neutral("rim")]
+    acts: Annotated[Acts, Neutral("rim")] = preset()
     """When fog and force fields act; obstacles act by touch."""
 
     @model_validator(mode="after")
@@ -87,6 +95,18 @@ class Arena(Settings):
                 f"{list(self.size)}; their sum must be at most {min(self.size) / 2}."
             )
         return self
+
+    @classmethod
+    def load(cls, group: str, name: str, /, **changes: Any) -> Self:
+        """Read `conf/<group>/<name>.yaml`, see `Settings.load`.
+
+        Raises:
+            ConfigError: the file has another name than the layout in it, for which reports would mistake it.
+        """
+        loaded = super().load(group, name, **changes)
+        if "name" not in changes and loaded.name != name:
+            raise ConfigError(f"conf/{group}/{name}.yaml: name = {loaded.name!r} must be that of the file, {name!r}.")
+        return loaded
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -108,6 +128,16 @@ class Layout(Arena):
 
     circles: tuple[Circle, ...] = Field(max_length=MAX_CIRCLES)
     """Obstacles, force fields, fog, and circles without an effect; they may overlap."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_rules(cls, values: Any) -> Any:
+        if isinstance(values, Mapping) and is_rules(values) and "circles" not in values:
+            raise ValueError(
+                f"{format_value(values.get('name'))} holds rules for random layouts, not a layout: read it with "
+                "affmap.Procedural, whose method draw makes layouts; affmap.fly and affmap.train take it by its name."
+            )
+        return values
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -5,6 +5,8 @@ start, because removing bodies does not restore a Box2D world. A copy or a pickl
 Box2D keeps forces of contacts from step to step where nobody can read them: so it goes on to the same bits.
 """
 
+from __future__ import annotations
+
 import math
 from typing import Any
 

@@ -11,6 +11,8 @@ the smallest number, radii are uniform up to a limit that hardly exceeds the sma
 Circles that need not keep the gap are never pushed, shrunk or removed: they are as the paper draws them.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, TypeAlias
@@ -18,7 +20,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout
+from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout, is_rules
 from affmap.lazy import notebook
 from affmap.random import generator
 from affmap.settings import ConfigError, Count, Length, Line, NonNegative, Settings, read
@@ -61,6 +63,14 @@ class Procedural(Arena):
     """Side of the squares in the arena's corners that no circle reaches into, u."""
     properties: tuple[Property, ...] = Field(min_length=1)
     """Kinds of circles."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_layouts(cls, values: Any) -> Any:
+        if isinstance(values, Mapping) and "circles" in values and not is_rules(values):
+            name = format_value(values.get("name"))
+            raise ValueError(f"{name} holds a layout, not rules for random ones: read it with affmap.Layout.")
+        return values
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -204,7 +214,7 @@ def is_procedural(name: str) -> bool:
     Raises:
         ConfigError: there is no such file.
     """
-    return "properties" in read("layout", name)
+    return is_rules(read("layout", name))
 
 
 AnyLayout: TypeAlias = Layout | Procedural | Mapping[str, Any] | str
@@ -230,7 +240,7 @@ def load(layout: AnyLayout) -> Layout | Procedural:
     if isinstance(layout, str):
         return Procedural.load("layout", layout) if is_procedural(layout) else Layout.load("layout", layout)
     if isinstance(layout, Mapping):
-        return (Procedural if "properties" in layout else Layout).checked(layout, "layout")
+        return (Procedural if is_rules(layout) else Layout).checked(layout, "layout")
     if not isinstance(layout, Layout | Procedural):
         raise ConfigError(
             f"layout = {format_value(layout)} is not allowed: give the name of a file in conf/layout, or the keys and "

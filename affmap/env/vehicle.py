@@ -1,5 +1,7 @@
 """The vehicle as a Gymnasium environment: observations, actions, rewards. Knows no models and no planners."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
-from affmap.env.body import Vehicle
+from affmap.env.body import AnyVehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
@@ -90,7 +92,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def __init__(
         self,
         layout: AnyLayout = "original",
-        vehicle: Vehicle | Mapping[str, Any] | str = "default",
+        vehicle: AnyVehicle = "default",
         goal_radius: float = 0.1,
         render_mode: str | None = None,
         views: bool = True,
@@ -100,7 +102,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         Args:
             layout: a layout, or rules for layouts, or the keys and values of either, or the name of a file in
                 `conf/layout` that holds them.
-            vehicle: the physical constants, likewise; files are in `conf/vehicle`.
+            vehicle: the physical constants; or some of their keys and values; or the name of a file in `conf/vehicle`.
             goal_radius: distance below which the goal counts as reached, u.
             render_mode: None, "rgb_array" or "human".
             views: whether observations hold the view, which is a third of the cost of a step. For the views of many

@@ -11,6 +11,8 @@ The prediction is linear in h', as the MLP's is in its hidden layer. Errors are 
 chunk (`TrainingSettings.chunk_length`); the state goes on to the next chunk, and begins anew with each sequence.
 """
 
+from __future__ import annotations
+
 import math
 
 import torch
@@ -43,7 +45,7 @@ class GRU(TransitionModel):
         """Initial carry of zeros, see `TransitionModel.initial`."""
         return (self.input_bias.new_zeros(len(self.input_bias), num_sequences, self.hidden_size),)
 
-    def step(self) -> "Step":
+    def step(self) -> Step:
         """Step function with the present weights, see `TransitionModel.step`."""
         return Step(self)
 

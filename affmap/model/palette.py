@@ -3,6 +3,8 @@
 Codes of different members mean different things, so each member has a palette of its own.
 """
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +29,7 @@ class Palette(NamedTuple):
     """`[P]`, values that become 1; if equal to `low`, the sample does not vary and the channel is 0.5."""
 
     @classmethod
-    def fit(cls, sample: Floats) -> "Palette":
+    def fit(cls, sample: Floats) -> Palette:
         """Fit a palette to a sample of codes `[nodes, C]`.
 
         The components come from the covariance (float64, largest first); a component's sign is fixed so that its

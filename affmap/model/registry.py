@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from pydantic import PlainValidator
 
-from affmap.settings import Settings
+from affmap.settings import Settings, preset
 from affmap.settings.registry import Registry, S
 
 if TYPE_CHECKING:  # torch takes seconds to import
@@ -32,8 +32,9 @@ def register_transition(settings: type[S]) -> type[S]:
 class TransitionSettings(Protocol):
     """Settings of a kind of transition model, a file of `conf/model/transition`."""
 
-    kind: str
-    """Its name in configurations and tables."""
+    @property
+    def kind(self) -> str:
+        """Its name in configurations and tables."""
 
     def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
         """Draw the initial weights of M models.
@@ -51,7 +52,7 @@ class TransitionSettings(Protocol):
 class MLPSettings(Settings, defaults="model/transition/mlp"):
     """The paper's multilayer perceptron, which has no hidden state (`conf/model/transition/mlp.yaml`)."""
 
-    kind: Literal["mlp"]
+    kind: Literal["mlp"] = preset()
 
     def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
         """Draw the initial weights, see `TransitionSettings.make`."""
@@ -64,7 +65,7 @@ class MLPSettings(Settings, defaults="model/transition/mlp"):
 class GRUSettings(Settings, defaults="model/transition/gru"):
     """A gated recurrent unit (`conf/model/transition/gru.yaml`)."""
 
-    kind: Literal["gru"]
+    kind: Literal["gru"] = preset()
 
     def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
         """Draw the initial weights, see `TransitionSettings.make`."""

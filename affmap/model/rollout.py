@@ -4,6 +4,8 @@ The predicted mean is the next input, and the view is looked up where the vehicl
 along the path. Knows nothing of goals and planners.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import torch

@@ -1,24 +1,26 @@
 """Settings of models and look-ups, in a module without torch, which takes seconds to import."""
 
+from __future__ import annotations
+
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from affmap.model.registry import MLP_SETTINGS, AnyTransition
-from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, Settings
+from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, Settings, preset
 from affmap.view import EXTENT
 
 
 class ModelSettings(Settings, defaults="model/default"):
     """Settings of the architecture (`conf/model`)."""
 
-    context_size: CountOrNone
+    context_size: CountOrNone = preset()
     """C, length of the context code; 0 is a transition model without vision."""
-    hidden_size: Count
+    hidden_size: Count = preset()
     """Hidden units of the transition model."""
-    delta_scale: Positive
+    delta_scale: Positive = preset()
     """Factor on the change of position, for inputs and predictions."""
-    transition: Annotated[AnyTransition, Neutral(MLP_SETTINGS)]
+    transition: Annotated[AnyTransition, Neutral(MLP_SETTINGS)] = preset()
     """The kind of transition model, a file of `conf/model/transition`."""
 
     @property
@@ -31,11 +33,11 @@ class ModelSettings(Settings, defaults="model/default"):
 class LookupSettings(Settings, defaults="lookup/map"):
     """Settings of the look-up of context codes in planning (`conf/lookup`)."""
 
-    spacing: Annotated[NonNegative, Field(le=EXTENT)]
+    spacing: Annotated[NonNegative, Field(le=EXTENT)] = preset()
     """Largest distance between neighbouring nodes of the affordance map, u, at most the width of a view (between nodes
     further apart lie places that none of them shows); 0: no map, codes from the view at every position, as in the
     paper."""
-    differentiable: bool
+    differentiable: bool = preset()
     """Whether gradients flow through the map to the position; the paper's do not."""
 
     @model_validator(mode="after")

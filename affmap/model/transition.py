@@ -6,6 +6,8 @@ It works in scaled units on both sides (Appendix A scales its inputs; its predic
 that inputs and targets are of the order of 1. It knows nothing of positions, views or goals.
 """
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable

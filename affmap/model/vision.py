@@ -4,6 +4,8 @@ Convolution - tanh - max-pooling - convolution - linear - linear, tanh after eac
 nothing of positions, motion or the world.
 """
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import torch

@@ -1,10 +1,12 @@
 """Agents trained by one call in Python, with the stages of a sweep: exploration, training, and an agent that flies."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -14,30 +16,30 @@ from affmap.config.compose import values as plain_values
 from affmap.config.root import Config
 from affmap.control import arguments
 from affmap.control.agent import Agent
-from affmap.control.arguments import AnyVehicle
 from affmap.control.pretrained import reference
 from affmap.data.collect import write_dataset
+from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout
 from affmap.model.lookup import make_lookup
 from affmap.model.registry import TransitionSettings
 from affmap.pipeline import datasets
 from affmap.pipeline.datasets import Arrays
-from affmap.pipeline.execution import check_devices, models
+from affmap.pipeline.execution import models
 from affmap.pipeline.job import check_trials, open_store
+from affmap.pipeline.machine import check_devices
 from affmap.pipeline.progress import displayed
 from affmap.pipeline.stage import DATA, TRAIN
 from affmap.pipeline.train import make_models, trained
 from affmap.progress import reported, silent
 from affmap.random import generator
+from affmap.results.files import read_validation
 from affmap.settings import ConfigError, Settings, check_folder, lies_in
+from affmap.settings.changes import Changes, changed
 from affmap.settings.messages import format_value
 from affmap.store.attempt import Attempt
 from affmap.store.stage import check
 from affmap.threads import limited
-
-Changes: TypeAlias = Mapping[str, Any] | Settings | str
-"""Some keys and values of a group of the configuration; or all, as settings; or the name of its file in `conf`."""
 
 
 def train(
@@ -98,15 +100,20 @@ def train(
         StoreError: a file in `folder` is corrupted, or was made with other versions of packages.
     """
     values = plain_values(compose([])) | {"seed": seed, "threads": threads}
-    transition_values = values["model"]["transition"]
+    default = values["model"]["transition"]
     groups = {"data": data, "model": model, "training": training, "lookup": lookup, "planner": planner}
     for group, changes in {**groups, "control": control, "vehicle": vehicle}.items():
-        values[group] = arguments.changed(group, values[group], changes)
-    of_model = values["model"].get("transition", transition_values)
-    values["model"] |= {"transition": arguments.changed("model/transition", of_model, transition)}
-    values["model"] |= _given(context_size=context_size)
-    values["training"] |= _given(num_epochs=epochs)
-    values |= _given(members=members)
+        values[group] = changed(group, values[group], changes)
+    kind = values["model"].setdefault("transition", default)
+    if transition is not None:
+        transition = changed("model/transition", dict(kind) if isinstance(kind, Mapping | Settings) else {}, transition)
+        _override(values, groups, "model", "transition", "transition", transition)
+    if context_size is not None:
+        _override(values, groups, "model", "context_size", "context_size", context_size)
+    if epochs is not None:
+        _override(values, groups, "training", "num_epochs", "epochs", epochs)
+    if members is not None:
+        values["members"] = members
     existing: Path | Arrays | None = None
     if isinstance(dataset, str | Path):
         if not (layouts is None and vehicle is None and data is None):
@@ -124,12 +131,14 @@ def train(
         if dataset is not None:
             existing = datasets.own(dataset, explored)
             num_sequences, num_steps, _ = existing["action"].shape
-            values["data"] |= {"num_sequences": num_sequences // len(explored), "num_steps": num_steps}
+            _override(values, groups, "data", "num_sequences", "dataset", num_sequences // len(explored))
+            _override(values, groups, "data", "num_steps", "dataset", num_steps)
     with TemporaryDirectory() as temporary, limited(threads), displayed(reported if progress else silent):
         config = _config(values, Path(temporary, "store") if folder is None else Path(folder))
-        stack = trained(config, _train(config, existing, Path(temporary)))
+        stage = _train(config, existing, Path(temporary))
+        stack, losses = trained(config, stage), read_validation(stage)
         map_of_first = make_lookup(config.lookup, stack, [config.training_layouts[0].map])
-        return Agent(stack, map_of_first, config.planner, config.control, config.channels, config.vehicle)
+        return Agent(stack, map_of_first, config.planner, config.control, config.channels, config.vehicle, losses)
 
 
 def _train(config: Config, dataset: Path | Arrays | None, temporary: Path) -> Path:
@@ -153,9 +162,21 @@ def _train(config: Config, dataset: Path | Arrays | None, temporary: Path) -> Pa
     return open_store(config).ensure(own, build)
 
 
-def _given(**values: Any) -> dict[str, Any]:
-    """The values that are not None."""
-    return {key: value for key, value in values.items() if value is not None}
+def _override(
+    values: dict[str, Any], groups: Mapping[str, Changes | None], group: str, key: str, argument: str, value: Any
+) -> None:
+    """Set a key of a group of `values` to the value of an argument that stands for it.
+
+    Raises:
+        ConfigError: the group's own changes, of `groups`, give it another.
+    """
+    changes = groups[group]
+    own = dict(changes).get(key, value) if isinstance(changes, Mapping | Settings) else value
+    if own != value and not (isinstance(own, Mapping | Settings) and value == {**value, **dict(own)}):
+        raise ConfigError(
+            f"{group} has {key} = {format_value(own)}, and {argument} gives {format_value(value)}; give it once."
+        )
+    values[group][key] = value
 
 
 def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, seed: int) -> list[Layout]:
@@ -164,14 +185,13 @@ def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, seed:
     Raises:
         ConfigError: there is no such file, or a value is not allowed.
     """
-    if isinstance(worlds, bool) or not isinstance(worlds, int) or worlds < 1:
-        raise ConfigError(f"worlds = {format_value(worlds)} is not allowed; give a whole number, 1 or more.")
+    worlds, seed = arguments.whole("worlds", worlds, least=1), arguments.whole("data.seed", seed)
     every: list[Layout] = []
     for layout in arguments.layouts(layouts if layouts is not None else []):
         if isinstance(layout, Layout):
             every.append(layout)
         else:
-            every += [layout.draw(generator(arguments.seed(seed), "training world", world)) for world in range(worlds)]
+            every += [layout.draw(generator(seed, "training world", world)) for world in range(worlds)]
     if not every:
         raise ConfigError("train needs layouts to explore, as in affmap.train('original'), or a dataset.")
     return every

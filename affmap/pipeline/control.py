@@ -20,7 +20,8 @@ from affmap.model.stack import Stack
 from affmap.pipeline.progress import track
 from affmap.pipeline.train import trained
 from affmap.random import generator
-from affmap.results.files import write_layouts, write_runs, write_trajectories
+from affmap.results import metrics
+from affmap.results.files import Trajectories, write_layouts, write_runs, write_trajectories
 from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, SPACING, Factor, Value
 from affmap.store.attempt import Attempt
 
@@ -47,7 +48,8 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
     ways = [crossable(*run) for run in zip(run_layouts, repeat(config.vehicle), starts, goals)]
     errors = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
-    write_runs(attempt.folder, setting, runs.table, [ways, errors])
+    table = metrics.table(Trajectories(**runs.trajectories), metrics.stored_metrics())
+    write_runs(attempt.folder, setting, table, [ways, errors])
     write_trajectories(attempt.folder, runs.trajectories)
     write_layouts(attempt.folder, run_layouts)
 

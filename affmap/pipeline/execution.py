@@ -14,7 +14,8 @@ from affmap import compiled
 from affmap.config.root import Config, label
 from affmap.pipeline.collect import make_data
 from affmap.pipeline.control import make_runs
-from affmap.pipeline.job import MachineError, as_setting, check_logger, check_models, check_trials, open_store
+from affmap.pipeline.job import as_setting, check_models, check_trials, incomplete, open_store
+from affmap.pipeline.machine import check_devices, check_logger
 from affmap.pipeline.paint import make_maps
 from affmap.pipeline.predict import make_predictions
 from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
@@ -100,27 +101,9 @@ def _ensure(
 
     That is part of an attempt, so that the status of the job gives the reason.
     """
-    store = open_store(config)
 
     def build(attempt: Attempt) -> None:
-        check_devices(config, [each for each in planned if not store.has(each.of(config))])
+        check_devices(config, incomplete(config, planned))
         make(attempt)
 
-    return store.ensure(stage.of(config), build)
-
-
-def check_devices(config: Config, planned: Collection[StageDefinition]) -> None:
-    """Make sure that this machine has the devices of stages.
-
-    Raises:
-        MachineError: PyTorch finds no such GPU.
-    """
-    has_gpu = torch.cuda.is_available() or torch.backends.mps.is_available()
-    if TRAIN in planned and config.training.accelerator == "gpu" and not has_gpu:
-        raise MachineError("training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator=cpu.")
-    device, count = torch.device(config.control.device), torch.cuda.device_count()
-    if CONTROL in planned and device.type == "cuda" and (device.index or 0) >= count:
-        there = f"only {count} (from cuda:0)" if count else "no CUDA GPU"
-        raise MachineError(
-            f"control.device = {config.control.device!r}: PyTorch finds {there} here; say control.device=cpu."
-        )
+    return open_store(config).ensure(stage.of(config), build)

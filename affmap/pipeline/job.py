@@ -1,7 +1,6 @@
 """The stages of a job, their completeness, and checks before they are made. Makes none of them."""
 
-from collections.abc import Mapping, Sequence
-from importlib.util import find_spec
+from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -10,20 +9,12 @@ from typing import Any
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.control.registry import is_learned
-from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN
+from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
-from affmap.settings import ConfigError, missing
+from affmap.settings import ConfigError
 from affmap.store.provenance import canonical
 from affmap.store.stage import Stage
 from affmap.store.store import Store
-from hydra_plugins.hyperopt_sweeper import FinalError
-
-
-class MachineError(FinalError):
-    """A lack of this machine, of something that a job needs; the message names it and a remedy.
-
-    No ConfigError, since the values are right: a search, which counts those as failures of a trial, ends.
-    """
 
 
 def stages(config: Config) -> tuple[Stage, ...]:
@@ -46,6 +37,12 @@ def is_complete(config: Config) -> bool:
     """Whether all stages of a job are complete; their files are not verified."""
     store = open_store(config)
     return all(store.has(stage) for stage in stages(config))
+
+
+def incomplete(config: Config, planned: Collection[StageDefinition]) -> list[StageDefinition]:
+    """Those of a job's stages that are not complete."""
+    store = open_store(config)
+    return [stage for stage in planned if not store.has(stage.of(config))]
 
 
 def find(config: Config, values: Mapping[str, Value] = MappingProxyType({})) -> Setting | None:
@@ -112,16 +109,6 @@ def check_models(config: Config) -> None:
             f"{config.reference} holds no models of this configuration (stage train, {stage.digest}); "
             "train them with models=train, or undo the changes to them and to their data."
         )
-
-
-def check_logger(config: Config) -> None:
-    """Make sure that the logger of trainings is installed.
-
-    Raises:
-        MachineError: it is not.
-    """
-    if config.logger != "csv" and not find_spec(config.logger):
-        raise MachineError(f"{missing(f'logger = {config.logger!r}', config.logger)}, or say logger=csv.")
 
 
 def check_report(sweep: Sweep) -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
 
+from affmap.config.notes import NOTE
 from affmap.config.root import Config
-from affmap.config.sweep import NOTE, Sweep
+from affmap.config.sweep import Sweep
 from affmap.pipeline.job import open_store, stages
 from affmap.pipeline.progress import Overview
 from affmap.store.stage import Stage

@@ -22,7 +22,7 @@ from affmap import compiled
 from affmap.lazy import torch
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
 from affmap.planning.registry import register_planner
-from affmap.settings import Count, CountOrNone, Positive, Settings, Share
+from affmap.settings import Count, CountOrNone, Positive, Settings, Share, preset
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -43,22 +43,22 @@ class CEMState(NamedTuple):
 class CEMPlanner(Settings, defaults="planner/cem"):
     """The cross-entropy method (`conf/planner/cem.yaml`)."""
 
-    kind: Literal["cem"]
-    horizon: Count
+    kind: Literal["cem"] = preset()
+    horizon: Count = preset()
     """H, steps."""
-    num_candidates: Count
+    num_candidates: Count = preset()
     """N, candidates drawn an iteration; kept elites are evaluated besides."""
-    num_elites: Count
+    num_elites: Count = preset()
     """Candidates that the distribution is estimated from."""
-    num_kept: CountOrNone
+    num_kept: CountOrNone = preset()
     """K, elites that join the next iteration's candidates."""
-    num_iterations: Count
+    num_iterations: Count = preset()
     """Iterations a plan."""
-    initial_mean: Share
+    initial_mean: Share = preset()
     """Opening of all throttles before the first plan."""
-    initial_variance: Positive
+    initial_variance: Positive = preset()
     """Variance of all throttles where a plan begins."""
-    momentum: Annotated[Share, Field(lt=1)]
+    momentum: Annotated[Share, Field(lt=1)] = preset()
     """Weight of the old mean and variance."""
 
     @model_validator(mode="after")

@@ -14,7 +14,7 @@ from pydantic import Field
 from affmap.lazy import torch
 from affmap.planning.planner import Generators, Objective, Plan, evaluate, shift
 from affmap.planning.registry import register_planner
-from affmap.settings import Count, Positive, Settings, Share
+from affmap.settings import Count, Positive, Settings, Share, preset
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -31,16 +31,16 @@ class GradientState(NamedTuple):
 class GradientPlanner(Settings, defaults="planner/gradient"):
     """Gradient descent on actions (`conf/planner/gradient.yaml`)."""
 
-    kind: Literal["gradient"]
-    horizon: Count
+    kind: Literal["gradient"] = preset()
+    horizon: Count = preset()
     """H, steps."""
-    num_iterations: Count
+    num_iterations: Count = preset()
     """Largest number of updates."""
-    initial_action: Share
+    initial_action: Share = preset()
     """Opening of all throttles before the first plan."""
-    learning_rate: Positive
+    learning_rate: Positive = preset()
     """Learning rate, the mean over the horizon."""
-    decay: Annotated[Share, Field(gt=0)]
+    decay: Annotated[Share, Field(gt=0)] = preset()
     """Ratio of the learning rates of a step and the next."""
 
     def initial(self, num_problems: int, device: torch.device | str = "cpu") -> GradientState:

@@ -3,6 +3,8 @@
 The desired state is a Gaussian around the goal. Always to be minimised; knows nothing of models and actions.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import torch

@@ -1,5 +1,7 @@
 """The planners that a configuration can name: those of this folder, and others that are registered."""
 
+from __future__ import annotations
+
 from typing import Annotated, Protocol
 
 from pydantic import PlainValidator
@@ -25,8 +27,9 @@ def register_planner(planner: type[S]) -> type[S]:
 class ConfiguredPlanner(Planner, Protocol):
     """A planner whose settings are a file of `conf/planner`."""
 
-    kind: str
-    """Its name in configurations and tables."""
+    @property
+    def kind(self) -> str:
+        """Its name in configurations and tables."""
 
 
 AnyPlanner = Annotated[ConfiguredPlanner, PlainValidator(_registry.choose)]

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from itertools import islice
@@ -13,16 +12,17 @@ import numpy as np
 import pygame
 import torch
 
-from affmap.cli.app import Parser, command
+from affmap.cli.app import command
 from affmap.control.arguments import vehicle
 from affmap.control.episodes import fly
-from affmap.control.pretrained import experiments, load, origin
+from affmap.control.pretrained import load, origin
 from affmap.env.procedural import first_layout
 from affmap.env.rendering import BLACK, WHITE, Canvas
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.model.lookup import AffordanceMap
 from affmap.model.palette import Palette
+from affmap.play.parser import Parser
 from affmap.results.files import Trajectories
 from affmap.settings import ConfigError, missing
 
@@ -122,16 +122,15 @@ def check(path: Path) -> None:
 def main() -> None:
     """Run the command `affmap-render`."""
     purpose = "film trained agents that fly from a corner to the opposite one, side by side."
-    examples = (
-        "  affmap-render\n  affmap-render exp1 --layout two_obstacles --context-size 8\n  affmap-render runs/exp1"
-    )
+    examples = "  affmap-render\n  affmap-render exp1 --world two_obstacles --context-size 8\n  affmap-render runs/exp1"
     parser = Parser("affmap-render", purpose, examples)
-    known = ", ".join(experiments())
     parser.add_argument(
-        "source", nargs="?", default="exp1", help=f"a report's folder, or one of {known} (default: exp1)"
+        "--context-size",
+        type=int,
+        nargs="+",
+        default=[0, 8],
+        help="units of codes, side by side (default: 0 8)",
     )
-    parser.add_argument("--context-size", type=int, nargs="+", default=[0, 8], help="side by side (default: 0 8)")
-    parser.add_argument("--layout", help="a file of conf/layout (default: that of the experiment)")
     parser.add_argument("--planner", help="cem or gradient (default: that of the experiment)")
     parser.add_argument("--member", type=int, default=0, help="which of the models (default: 0)")
     parser.add_argument("--run", type=int, default=0, choices=range(4), help="the corner to start in (default: 0)")
@@ -139,8 +138,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=2, help="leave out frames: one every so many steps (default: 2)")
     parser.add_argument("--plain", action="store_true", help="circles instead of the affordance map")
     parser.add_argument("--output", type=Path, default=Path("flight.gif"), help="a .gif or .mp4 (default: flight.gif)")
-    arguments = parser.parse_args()
-    sys.argv[1:] = []
+    arguments = parser.take()
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
     command(lambda _: _render(arguments), resumes=False)
 
@@ -153,7 +151,7 @@ def _render(arguments: argparse.Namespace) -> None:
     frames = film(
         arguments.source,
         arguments.context_size,
-        layout=arguments.layout,
+        layout=arguments.world,
         planner=arguments.planner,
         member=arguments.member,
         run=arguments.run,

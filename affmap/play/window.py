@@ -1,7 +1,6 @@
 """The command `affmap-play`: the game in a window (pygame), with a panel on the agent and its view."""
 
 import os
-import sys
 from collections.abc import Sequence
 from typing import NamedTuple, TypeVar
 
@@ -9,13 +8,13 @@ import numpy as np
 import pygame
 import torch
 
-from affmap.cli.app import Parser, command
-from affmap.control.pretrained import experiments
+from affmap.cli.app import command
 from affmap.env.body import THROTTLES
 from affmap.env.rendering import BLACK, WHITE, Canvas, open_window
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.play.game import BETAS, LOOKUPS, Game
+from affmap.play.parser import Parser
 from affmap.results.setting import PLANNERS
 from affmap.settings import ConfigError
 
@@ -271,13 +270,7 @@ def main() -> None:
     purpose = "fly the vehicle, or watch a trained agent imagine and fly."
     examples = "  affmap-play\n  affmap-play exp1 --world two_obstacles\n  affmap-play runs/exp1 --context-size 8"
     parser = Parser("affmap-play", purpose, examples)
-    known = ", ".join(experiments())
-    parser.add_argument(
-        "source", nargs="?", default="exp1", help=f"a report's folder, or one of {known} (default: exp1)"
-    )
-    parser.add_argument("--world", help="a layout of conf/layout, by default that of the experiment")
-    parser.add_argument("--context-size", type=int, help="by default the largest there is")
-    arguments = parser.parse_args()
-    sys.argv[1:] = []
+    parser.add_argument("--context-size", type=int, help="units of the context code (default: the most there are)")
+    arguments = parser.take()
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
     command(lambda _: Window(Game(arguments.source, arguments.world, arguments.context_size)).run(), resumes=False)

@@ -1,12 +1,15 @@
 """Plots of what happens in the arena: layouts, affordance maps, flights and plans. Lengths are in u."""
 
-from typing import TYPE_CHECKING
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from affmap.env.body import Vehicle
+from affmap.env.body import AnyVehicle
+from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, first_layout
 from affmap.env.scene import LAYERS, Scene, circle_marks
@@ -31,25 +34,26 @@ FEW, FAINT = 12, 0.2
 """Paths of more runs are transparent, down to this opacity, so that those below stay visible."""
 
 
-def layout(layout: AnyLayout, *, vehicle: Vehicle | None = None, ax: Axes | None = None) -> Axes:
+def layout(layout: AnyLayout, *, vehicle: AnyVehicle | None = None, ax: Axes | None = None) -> Axes:
     """Draw a layout: circles coloured by effect, the squares where runs start and end, and the vehicle to scale.
 
     Args:
         layout: as `affmap.fly` takes it; of rules for worlds, the first world of member 0 is drawn.
-        vehicle: by default that of `conf/vehicle/default.yaml`.
+        vehicle: such as `agent.vehicle`; or some of its keys and values; or the name of its file in `conf/vehicle`; by
+            default that of `conf/vehicle/default.yaml`.
         ax: where to draw.
 
     Raises:
-        ConfigError: there is no such layout.
+        ConfigError: there is no such layout or vehicle.
     """
-    world = first_layout(layout, seed=0)
+    world, radius = first_layout(layout, seed=0), load_vehicle("default" if vehicle is None else vehicle).radius
     with canvas(ax) as axes:
-        arena.world_map(axes, world, _radius(vehicle))
+        arena.world_map(axes, world, radius)
         legend_beside(axes, arena.effect_handles([world]))
     return axes
 
 
-def affordance_map(source: "Agent | AffordanceMap", *, index: int = 0, ax: Axes | None = None) -> Axes:
+def affordance_map(source: Agent | AffordanceMap, *, index: int = 0, ax: Axes | None = None) -> Axes:
     """Draw an affordance map: the codes' first three principal components as red, green and blue, circles outlined.
 
     Args:
@@ -73,7 +77,7 @@ def affordance_map(source: "Agent | AffordanceMap", *, index: int = 0, ax: Axes 
     return axes
 
 
-def map_of(source: "Agent | AffordanceMap") -> "AffordanceMap":
+def map_of(source: Agent | AffordanceMap) -> AffordanceMap:
     """The map of an agent; for one that looks up codes exactly, a map as fine as those of reports is painted.
 
     Raises:
@@ -92,7 +96,7 @@ def map_of(source: "Agent | AffordanceMap") -> "AffordanceMap":
     raise ConfigError(f"{type(source).__name__} has no affordance map; give a map, or an agent with a trained model.")
 
 
-def trajectories(runs: "Runs", layout: AnyLayout | None = None, *, ax: Axes | None = None) -> Axes:
+def trajectories(runs: Runs, layout: AnyLayout | None = None, *, ax: Axes | None = None) -> Axes:
     """Draw the paths of runs in their layout, coloured by the number of the run.
 
     Args:
@@ -101,8 +105,9 @@ def trajectories(runs: "Runs", layout: AnyLayout | None = None, *, ax: Axes | No
         ax: where to draw.
 
     Raises:
-        ConfigError: no run flew in that layout, or they flew in several and none is named.
+        ConfigError: no run flew in that layout, or they flew in several and none is named; or there are no runs.
     """
+    _check(runs)
     world = _world(runs, layout)
     chosen = [index for index, each in enumerate(runs.layouts) if each == world]
     paths = Trajectories(**{key: array[chosen] for key, array in runs.trajectories.items()})
@@ -127,7 +132,7 @@ def trajectories(runs: "Runs", layout: AnyLayout | None = None, *, ax: Axes | No
 
 
 def plan(
-    runs: "Runs", index: int = 0, step: int = 0, *, vehicle: Vehicle | None = None, ax: Axes | None = None
+    runs: Runs, index: int = 0, step: int = 0, *, vehicle: AnyVehicle | None = None, ax: Axes | None = None
 ) -> Axes:
     """Draw the plan of a step: imagined positions with their uncertainty, the way there, vehicle and goal.
 
@@ -135,25 +140,39 @@ def plan(
         runs: of `affmap.fly`, for instance.
         index: of the run among all B.
         step: number of the step, from 0.
-        vehicle: by default that of `conf/vehicle/default.yaml`.
+        vehicle: as for `layout`; by default that of the runs.
         ax: where to draw.
 
     Raises:
-        ConfigError: there is no such run or step.
+        ConfigError: there is no such run, step or vehicle, or there are no runs.
     """
+    _check(runs)
     paths = Trajectories(**runs.trajectories)
     num_runs, num_steps = paths.prediction_error.shape
     for name, value, number in (("index", index, num_runs), ("step", step, num_steps)):
         if value not in range(number):
             raise ConfigError(f"{name} = {format_value(value)} is not allowed: give a number from 0 to {number - 1}.")
-    moment = paths.scene(index, step, runs.layouts[index], _radius(vehicle))._replace(action=None)
+    radius = load_vehicle(runs.vehicle if vehicle is None else vehicle).radius
+    moment = paths.scene(index, step, runs.layouts[index], radius)._replace(action=None)
     with canvas(ax) as axes:
         arena.scene(axes, moment)
         legend_beside(axes, arena.handles([moment]))
     return axes
 
 
-def _world(runs: "Runs", layout: AnyLayout | None) -> Layout:
+def _check(runs: Any) -> None:
+    """Make sure that runs are those of a flight, and no agent, for instance.
+
+    Raises:
+        ConfigError: they are none.
+    """
+    from affmap.control.episodes import Runs
+
+    if not isinstance(runs, Runs):
+        raise ConfigError(f"runs = {format_value(runs)} is not allowed; give runs of affmap.fly.")
+
+
+def _world(runs: Runs, layout: AnyLayout | None) -> Layout:
     """The layout to draw, of those that the runs flew in."""
     flown = list(dict.fromkeys(runs.layouts))
     if layout is None and len(flown) == 1:
@@ -165,8 +184,3 @@ def _world(runs: "Runs", layout: AnyLayout | None) -> Layout:
         names = ", ".join(dict.fromkeys(each.name for each in flown))
         raise ConfigError(f"no run flew in this layout {world.name!r}; they flew in {names}.")
     return world
-
-
-def _radius(vehicle: Vehicle | None) -> float:
-    """Radius of a vehicle, u."""
-    return (vehicle or Vehicle.load("vehicle", "default")).radius

@@ -1,5 +1,7 @@
 """Plots of tables: losses of training and metrics of control. A table may be that of a report."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,6 +9,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
+from affmap.control.agent import Agent
 from affmap.control.episodes import Runs
 from affmap.control.pretrained import reference
 from affmap.plot.canvas import canvas
@@ -16,6 +19,7 @@ from affmap.report.drawing.colors import Groups, group_colors, name_of, readable
 from affmap.results.metrics import METRICS
 from affmap.results.setting import CONTEXT_SIZE, FACTORS, Factor, ReportSettings, Value
 from affmap.settings import ConfigError
+from affmap.settings.messages import one_line
 from affmap.store.files import guarded_read
 
 Table = pd.DataFrame | Runs | Path | str
@@ -26,19 +30,20 @@ ALL = "(all)"
 """The only group of a plot without groups, and the column that names it."""
 
 
-def losses(table: Table, by: str | None = CONTEXT_SIZE.column, *, ax: Axes | None = None) -> Axes:
+def losses(table: Table | Agent, by: str | None = CONTEXT_SIZE.column, *, ax: Axes | None = None) -> Axes:
     """Draw the validation loss over epochs, a curve for each value: mean and standard deviation (shade) over members.
 
     Args:
         table: a row for each value, member and epoch, with the columns `by`, `member`, `epoch` and `validation_nll`
-            (nats).
+            (nats). Or an agent, whose members are those of a single curve.
         by: the column with a curve for each value; None for a single curve.
         ax: where to draw.
 
     Raises:
-        ConfigError: there is no such table or column, or a curve would have several losses of a member at an epoch.
+        ConfigError: there is no such table or column, or a curve would have several losses of a member at an epoch; or
+            the losses of the agent are unknown.
     """
-    rows = _read(table, "validation")
+    rows = _losses(table) if isinstance(table, Agent) else _read(table, "validation")
     rows = rows.assign(**{ALL: ALL}) if by is None else rows
     factor = _factor(by or ALL)
     one = [*dict.fromkeys([factor.column, "member", "epoch"])]
@@ -56,8 +61,8 @@ def losses(table: Table, by: str | None = CONTEXT_SIZE.column, *, ax: Axes | Non
     colors = {value: palette[name] for value, name in names.items()}
     with canvas(ax) as axes:
         curves.learning_curves(axes, rows, factor=factor, names=names if _are_words(names) else {}, colors=colors)
-        if by:
-            axes.set_title(f"Loss by {factor.label}", loc="left")
+        if len(names) > 1:
+            numbers.titled(axes, f"Loss by {factor.label}")
         _trim_legend(axes)
     return axes
 
@@ -118,20 +123,30 @@ def _grouped(table: Table, metric: str, by: str, color: str | None) -> tuple[pd.
     return rows, Groups(factor.column, names, _palette(names, factor), x, x_names if _are_words(x_names) else {})
 
 
+def _losses(agent: Agent) -> pd.DataFrame:
+    """The losses of an agent, with the context size of its models."""
+    if agent.losses is None:
+        raise ConfigError(
+            "the losses of the agent's training are unknown: an installed package has only the weights of published "
+            "agents, and a clone of the repository has all; or give the agent's `losses`."
+        )
+    return agent.losses.assign(**{CONTEXT_SIZE.column: agent.stack.context_size})
+
+
 def _read(table: Table, name: str) -> pd.DataFrame:
     """A table, or that with a name of a report."""
     if isinstance(table, Runs):
         table = table.table
     if isinstance(table, pd.DataFrame):
         return table
-    for folder in (Path(table), reference() / table):
+    for folder in (Path(table), reference() / table) if isinstance(table, str | Path) else ():
         path = folder / "tables" / f"{name}.csv"
         if path.is_file():
             with guarded_read(path):
                 return pd.read_csv(path)
     raise ConfigError(
-        f"{table} is no report with tables/{name}.csv: give a table, the folder of a report, or the name of an "
-        "experiment of the reference run, whose tables only a clone of the repository has."
+        f"{one_line(str(table), 100)} is no report with tables/{name}.csv: give a table, the folder of a report, or "
+        "the name of an experiment of the reference run, whose tables only a clone of the repository has."
     )
 
 
@@ -146,7 +161,7 @@ def _factor(column: str) -> Factor:
     return {factor.column: factor for factor in FACTORS.values()}.get(column) or Factor(column, column, label, label)
 
 
-def _names(column: "pd.Series[Any]", factor: Factor) -> dict[Value, str]:
+def _names(column: pd.Series[Any], factor: Factor) -> dict[Value, str]:
     """Value -> its name for readers, of all values in a column: numbers ascend, others come as they do in the table."""
     settings = ReportSettings.load("report", "default")
     values = column.unique().tolist()

@@ -1,5 +1,7 @@
 """The directives of an experiment's page: results, tests and their origin as Markdown."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

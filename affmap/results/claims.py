@@ -4,6 +4,8 @@ A member's score is its mean over its runs; tests are paired by member (`statist
 weighs them equally, and takes those only that both settings have.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -1,5 +1,7 @@
 """The design of a sweep: its settings, and the two factors of its report."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -6,6 +6,8 @@ corrupted, and execute nothing in it. The data set has its reader in `affmap.dat
 `affmap.model.weights`.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -59,9 +61,10 @@ def write_validation(folder: Path, table: pd.DataFrame) -> None:
     table.to_csv(folder / VALIDATION, index=False, float_format="%.6f")
 
 
-def read_validation(folder: Path) -> pd.DataFrame:
-    """Read losses, a row for each member and epoch, columns `VALIDATION_COLUMNS`."""
-    return _read_table(folder / VALIDATION, VALIDATION_COLUMNS)[VALIDATION_COLUMNS]
+def read_validation(folder: Path, members: Sequence[int] | None = None) -> pd.DataFrame:
+    """Read losses of some members, or of all: a row for each and each epoch, columns `VALIDATION_COLUMNS`."""
+    table = _read_table(folder / VALIDATION, VALIDATION_COLUMNS)[VALIDATION_COLUMNS]
+    return table if members is None else table[table["member"].isin(members)].reset_index(drop=True)
 
 
 KINDS = ("free", "touching", "entering", "inside", "leaving")
@@ -132,12 +135,12 @@ class Maps(NamedTuple):
     """`[M]`."""
 
     @property
-    def untrained(self) -> "Maps":
+    def untrained(self) -> Maps:
         """The members' maps before training."""
         return self._replace(codes=self.initial_codes)
 
     @property
-    def snapshots(self) -> dict[int, "Maps"]:
+    def snapshots(self) -> dict[int, Maps]:
         """Epoch -> the members' maps after it."""
         return {int(e): self._replace(codes=codes) for e, codes in zip(self.epochs, self.snapshot_codes, strict=True)}
 

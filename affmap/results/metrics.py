@@ -4,10 +4,13 @@ A new metric needs nothing but an entry, here or from users. Reports of older re
 that a stored table lacks is computed when the table is read.
 """
 
+from __future__ import annotations
+
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple, TypeAlias
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -23,7 +26,8 @@ Column: TypeAlias = NDArray[Any] | pd.Series
 """`[B]`, a value for each run."""
 
 
-class Metric(NamedTuple):
+@dataclass(frozen=True)
+class Metric:
     """A column of the tables."""
 
     name: str
@@ -111,10 +115,15 @@ def register_metric(column: str, metric: Metric) -> None:
         metric: its function, `of_runs`, gets the trajectories of B runs and returns B values.
 
     Raises:
-        ValueError: the name is taken, or no column, or the metric has no function.
+        ValueError: the name is taken, or no column; or the metric is none, or has no function.
     """
+    if not isinstance(metric, Metric):
+        raise ValueError(
+            f"the metric {format_value(column)} is {format_value(metric)}; give affmap.Metric(name, unit, label, "
+            "function), such as affmap.Metric('effort', 'throttles', 'open throttles', effort)."
+        )
     taken = {*_OURS, *PLACES, *LAYOUT_COLUMNS}
-    if not re.fullmatch("[a-z][a-z0-9_]*", column) or column in taken:
+    if not re.fullmatch("[a-z][a-z0-9_]*", str(column)) or column in taken:
         raise ValueError(
             f"the metric {format_value(column)} needs a name of its own, of small letters, digits and _; there are: "
             f"{', '.join(sorted(taken))}."
@@ -159,6 +168,11 @@ PLACES: dict[str, Callable[[Trajectories], Column]] = {
 def places(paths: Trajectories) -> pd.DataFrame:
     """The member, number, start and goal of B runs, a row each."""
     return pd.DataFrame({column: compute(paths) for column, compute in PLACES.items()})
+
+
+def table(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:
+    """The places of B runs and some of their metrics, a row each; see `summarise`."""
+    return places(paths).join(summarise(paths, columns))
 
 
 def summarise(paths: Trajectories, columns: Sequence[str]) -> pd.DataFrame:

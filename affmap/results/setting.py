@@ -3,6 +3,8 @@
 A report groups by two keys, its factors: one on the x axis, one by colour.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +12,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
-from affmap.settings import Count, Length, Line, Name, Neutral, Number, Settings, read
+from affmap.settings import Count, Length, Line, Name, Neutral, Number, Settings, preset, read
 from affmap.view import EXTENT
 
 Value = bool | int | float | str
@@ -135,27 +137,27 @@ MetricName = Literal["validation_nll", "prediction_error", "mean_distance", "suc
 class ReportSettings(Settings, defaults="report/default"):
     """Settings of reports (`conf/report`, and each experiment)."""
 
-    map_spacing: Annotated[Length, Field(le=EXTENT)]
+    map_spacing: Annotated[Length, Field(le=EXTENT)] = preset()
     """Distance between the nodes of affordance maps, at most the width of a view, u."""
-    snapshots: bool
+    snapshots: bool = preset()
     """Whether maps are also painted with the weights kept during training."""
-    compare: Line | None = Field(exclude=True)
+    compare: Line | None = preset(exclude=True)
     """A key of the configuration whose values are compared in a table; None for the report of an experiment."""
-    partial: bool = Field(exclude=True)
+    partial: bool = preset(exclude=True)
     """Whether a report may lack settings that are not complete; every figure then says so."""
-    claims: Name | None = Field(exclude=True)
+    claims: Name | None = preset(exclude=True)
     """The folder of `affmap/experiments` whose claims are tested; None for none."""
-    x: Annotated[Line | None, Neutral(None), Field(exclude=True)]
+    x: Annotated[Line | None, Neutral(None), Field(exclude=True)] = preset()
     """The key on the x axis; None for the context size or, where that is not varied, the first number that is."""
-    color: Annotated[Line | None, Neutral(None), Field(exclude=True)]
+    color: Annotated[Line | None, Neutral(None), Field(exclude=True)] = preset()
     """The grouping variable shown by colour; None for whatever else is varied."""
-    names: Mapping[Line, Line] = Field(exclude=True)
+    names: Mapping[Line, Line] = preset(exclude=True)
     """Planner, layout or model -> its name for readers; others keep their own."""
-    paper_figures: Annotated[Mapping[Line, Count], Neutral({}), Field(exclude=True)]
+    paper_figures: Annotated[Mapping[Line, Count], Neutral({}), Field(exclude=True)] = preset()
     """Figure of the report -> number of the corresponding figure in the paper."""
-    outcome: Literal["mean_distance", "success"] = Field(exclude=True)
+    outcome: Literal["mean_distance", "success"] = preset(exclude=True)
     """The metric of success in control, besides the prediction error."""
-    axes: Mapping[MetricName, tuple[Number, Number]] = Field(exclude=True)
+    axes: Mapping[MetricName, tuple[Number, Number]] = preset(exclude=True)
     """Metric -> lowest and highest tick of the paper's axis; the paper prints no result as text."""
 
     @field_validator("claims")

@@ -3,6 +3,8 @@
 Lengths are in units (u), times in steps, likelihoods in nats (both coordinates summed, constants included).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property

@@ -3,6 +3,7 @@ from .base import Settings as Settings
 from .base import folder as folder
 from .base import folders as folders
 from .base import names as names
+from .base import preset as preset
 from .base import read as read
 from .extras import missing as missing
 from .extras import requirements as requirements

@@ -7,20 +7,24 @@ which it has where it is missing.) It knows nothing of Hydra.
 A configuration that is read must have every key. Only a call in Python takes missing ones from the class's file.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache, partial
-from inspect import Parameter, Signature, cleandoc
+from functools import cache, cached_property, lru_cache, partial, reduce
+from inspect import Parameter, Signature, cleandoc, formatannotation
+from operator import or_
 from pathlib import Path
 from textwrap import fill
 from types import SimpleNamespace
-from typing import Any, ClassVar, Self, get_type_hints
+from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
     BaseModel,
     ConfigDict,
+    Field,
     SerializationInfo,
     SerializerFunctionWrapHandler,
     ValidationError,
@@ -44,30 +48,55 @@ class Neutral:
     value: Any
 
 
+def preset(**options: Any) -> Any:
+    """The value of a key that a call may leave out, because the class's file has one, or it is neutral.
+
+    `horizon: Count = preset()` says so to type checkers and editors; a configuration that is read must have the key.
+
+    Args:
+        options: those of pydantic's `Field`, without a default.
+    """
+    return Field(**options)
+
+
 _COMPLETE = "complete"
 """Serialization context: neutral keys are written, too."""
+
+
+class _Unquoted(str):
+    """The text of an annotation, which `help` prints as it is."""
+
+    def __repr__(self) -> str:
+        return str(self)
 
 
 class _LazySignature:
     """The signature of a settings class: its keys, their types, and the values of its file, which is read on demand."""
 
-    def __get__(self, instance: "Settings | None", owner: "type[Settings]") -> Signature:
+    def __get__(self, instance: Settings | None, owner: type[Settings]) -> Signature:
         if instance is not None:
             raise AttributeError("__signature__")  # an instance cannot be called
         defaults = owner._defaults()
         fields = {key: field.annotation for key, field in owner.model_fields.items()}
         types = get_type_hints(SimpleNamespace(__annotations__=fields))  # without limits and validators
-        kind = Parameter.KEYWORD_ONLY
+        only, none = Parameter.KEYWORD_ONLY, Parameter.empty
         return Signature(
-            [Parameter(key, kind, default=defaults.get(key, Parameter.empty), annotation=types[key]) for key in fields]
+            [Parameter(key, only, default=defaults.get(key, none), annotation=_text(types[key])) for key in fields]
         )
+
+
+def _text(kind: Any) -> _Unquoted:
+    """A type as one writes it, without modules."""
+    plain = reduce(or_, get_args(kind)) if get_origin(kind) is Union else kind
+    return _Unquoted(re.sub(r"\b[a-z]\w*\.", "", formatannotation(plain)))
 
 
 class Settings(BaseModel):
     """Frozen, typed settings; unknown keys, NaN and infinities are errors.
 
     `class CEMPlanner(Settings, defaults="planner/cem")` names the file of `conf/` that a call in Python takes missing
-    keys from, as in `CEMPlanner(num_iterations=10)`. Without a file, a call gives all keys.
+    keys from, as in `CEMPlanner(num_iterations=10)`. Without a file, a call gives all keys. Its fields are `preset()`,
+    so that type checkers know.
     """
 
     model_config = ConfigDict(
@@ -156,13 +185,15 @@ class Settings(BaseModel):
         return self.model_dump(mode="json", context=_COMPLETE)
 
     @classmethod
-    def load(cls, group: str, name: str, **changes: Any) -> Self:
+    def load(cls, group: str, name: str, /, **changes: Any) -> Self:
         """Settings of `conf/<group>/<name>.yaml`, with some values replaced by `changes`.
 
         Raises:
             ConfigError: there is no such file, or a value is not allowed.
         """
-        return cls.checked({**read(group, name), **changes}, origin=f"conf/{group}/{name}.yaml")
+        call = f"{cls.__name__}.load"
+        origins = dict.fromkeys([*changes, ""], call) if changes else {}  # "" is of checks of several keys
+        return cls.checked({**read(group, name), **changes}, f"conf/{group}/{name}.yaml", origins)
 
     @classmethod
     def checked(cls, values: Mapping[str, Any], origin: str, origins: Mapping[str, str] | None = None) -> Self:
@@ -269,9 +300,10 @@ def read(group: str, name: str) -> dict[str, Any]:
         ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is too
             large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
     """
-    if not re.fullmatch(NAME, name):
+    if not re.fullmatch(NAME, name) or name.endswith(".yaml"):
         raise ConfigError(
-            f"{format_value(name)} cannot be the name of a file; conf/{group} holds: {', '.join(names(group))}."
+            f"{format_value(name)} cannot be the name of a file in conf/{group}, which is given without folder and "
+            f"ending; {alternatives(Path(name).stem, names(group), f'conf/{group} holds')}"
         )
     if not (path := find(group, name)):
         holds = alternatives(name, names(group), f"conf/{group} holds")

@@ -5,6 +5,8 @@ environment variable AFFMAP_IMPORT, for modules of the current folder. Workers o
 configuration or a stored file names kinds only, never a module.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 import sys
@@ -13,6 +15,7 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import Distribution, distribution, entry_points, packages_distributions
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any
 
 from affmap.settings.messages import VARIABLE, ConfigError, format_value, one_line
@@ -28,7 +31,7 @@ def load() -> None:
     """Import the modules that users name, once.
 
     Raises:
-        ConfigError: one of them cannot be imported; the message names it and the error.
+        ConfigError: one of them cannot be imported; the message names it, its line and the error.
     """
     _load(os.environ.get(VARIABLE, ""))
 
@@ -50,7 +53,20 @@ def _import(module: str, origin: str, remedy: str) -> None:
         import_module(module)
     except Exception as error:
         reason = one_line(f"{type(error).__name__}: {error}", 300)
-        raise ConfigError(f"{origin}: importing {module!r} failed with {reason}; {remedy}.") from error
+        place = _place(error)
+        raise ConfigError(f"{origin}: importing {module!r} failed{place} with {reason}; {remedy}.") from error
+
+
+def _place(error: Exception) -> str:
+    """The line at which an import failed, in the file of the module or, of a package, in any; empty if it has none."""
+    _, _, *frames = extract_tb(error.__traceback__)  # without those of this file and of `import_module`
+    frames = [frame for frame in frames if not frame.filename.startswith("<frozen")]
+    if not frames:
+        return ""
+    file = Path(frames[0].filename)
+    own = file.parent if file.name == "__init__.py" else file
+    *_, last = (frame for frame in frames if Path(frame.filename).is_relative_to(own))
+    return f" in {last.filename}, line {last.lineno},"
 
 
 def _title(found: Distribution | None) -> str:

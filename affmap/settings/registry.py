@@ -1,5 +1,7 @@
 """Settings of several kinds that a configuration chooses from by their key `kind`."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
@@ -10,6 +12,7 @@ from pydantic import Field, TypeAdapter
 
 from affmap.settings import extensions
 from affmap.settings.base import Settings
+from affmap.settings.messages import format_value
 
 S = TypeVar("S", bound=Settings)
 
@@ -37,8 +40,12 @@ class Registry:
         Raises:
             ValueError: it has no field `kind`, or another class has this kind, or a method is missing.
         """
-        if not issubclass(settings, Settings):
-            raise ValueError(f"{settings.__name__} is no Settings class; derive it from affmap.settings.Settings.")
+        if not (isinstance(settings, type) and issubclass(settings, Settings)):
+            name = getattr(settings, "__name__", format_value(settings))
+            raise ValueError(
+                f"{name} is no Settings class; derive one from affmap.settings.Settings, and register it by "
+                f"the decorator @affmap.register_{self._place.partition('.')[0]}."
+            )
         if not _kinds(settings):
             raise ValueError(f"{settings.__name__} has no field kind; give it one, such as kind: Literal['mine'].")
         if missing := [name for name in self._methods if not callable(getattr(settings, name, None))]:

@@ -1,5 +1,7 @@
 """Types of values in settings: numbers with limits, names that are safe in paths, lines of text, folders."""
 
+from __future__ import annotations
+
 import os
 import unicodedata
 from functools import lru_cache

@@ -3,6 +3,8 @@
 Called again with the checkpoints of an interrupted training, it resumes.
 """
 
+from __future__ import annotations
+
 import logging
 import signal
 import warnings

@@ -10,6 +10,8 @@ sensor readings, which probably make 7 chunks of 50, the last one short; here th
 would carry the state of one sequence into another.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import partial
 from typing import Any

@@ -1,10 +1,12 @@
 """Settings of training, in a module without Lightning, which takes seconds to import."""
 
+from __future__ import annotations
+
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Tag, model_validator
 
-from affmap.settings import Count, Positive, Settings
+from affmap.settings import Count, Positive, Settings, preset
 
 
 def _kind(value: Any) -> str:
@@ -31,25 +33,25 @@ class TrainingSettings(Settings, defaults="training/default"):
     values.
     """
 
-    num_epochs: Count
+    num_epochs: Count = preset()
     """Passes through the data."""
-    batch_size: Count
+    batch_size: Count = preset()
     """Sequences a batch."""
-    chunk_length: Count
+    chunk_length: Count = preset()
     """Steps between updates: errors are propagated back through at most this many."""
-    vision_lr: PerTrial
+    vision_lr: PerTrial = preset()
     """Learning rate of the vision model."""
-    transition_lr: PerTrial
+    transition_lr: PerTrial = preset()
     """Learning rate of the transition model."""
-    vision_max_norm: PerTrial
+    vision_max_norm: PerTrial = preset()
     """Clipping norm of the vision model's gradient, per member."""
-    transition_max_norm: PerTrial
+    transition_max_norm: PerTrial = preset()
     """Clipping norm of the transition model's gradient, per member."""
-    adam_eps: Positive
+    adam_eps: Positive = preset()
     """Adam's epsilon."""
-    snapshot_epochs: tuple[Count, ...]
+    snapshot_epochs: tuple[Count, ...] = preset()
     """Epochs after which the weights are saved, beside the last epoch."""
-    accelerator: Literal["cpu", "gpu", "auto"] = Field(exclude=True)
+    accelerator: Literal["cpu", "gpu", "auto"] = preset(exclude=True)
     """Device for training."""
 
     @model_validator(mode="after")

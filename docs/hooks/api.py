@@ -19,8 +19,12 @@ from functools import cache
 from importlib import import_module
 
 import griffe
+import keys
 from links import dotted
 from places import DOCS, ROOT
+
+from affmap.report.markdown import code, table
+from affmap.settings import Settings
 
 LINES = r"(?:^- \[.+\]\(\.\./affmap/.+\)\n)+"
 
@@ -32,7 +36,7 @@ def pages() -> Iterator[tuple[str, str]]:
         described = member(name)
         page = _PAGE.format(name=name, title=typed(name), short=short(name))
         if _is_settings(described):
-            page = _SETTINGS.format(name=name, title=typed(name), short=short(name), signature=_signature(name))
+            page = _settings(name, described)
         if described.is_subpackage:  # names that it hands on have pages of their own
             inside = [each for each in names if typed(each).startswith(f"{name}.")]
             page = f"{page}      members: false\n\n{_table(inside)}"
@@ -63,8 +67,34 @@ title: {short}
 ::: {name}
     options:
       show_root_heading: false
+      members: false
+
+{keys}
+"""
+
+_METHOD = """
+::: {name}
+    options:
+      heading: {short}
+      toc_label: {short}
       heading_level: 2
 """
+
+
+def _settings(name: str, described: griffe.Object | griffe.Alias) -> str:
+    """The page of a class of settings: its keys in a table, then its methods and properties."""
+    module, _, kind = name.rpartition(".")
+    settings: type[Settings] = getattr(import_module(module), kind)
+    rows = [(code(key), words, meaning) for key, words, meaning in keys.described(settings) if meaning]
+    page = _SETTINGS.format(
+        name=name,
+        title=typed(name),
+        short=short(name),
+        signature=_signature(settings),
+        keys=table(["key", "type", "meaning"], rows),
+    )
+    own = [each for each in described.members if not each.startswith("_") and each not in settings.model_fields]
+    return page + "".join(_METHOD.format(name=f"{name}.{each}", short=each) for each in own)
 
 
 def _is_settings(described: griffe.Object | griffe.Alias) -> bool:
@@ -75,12 +105,10 @@ def _is_settings(described: griffe.Object | griffe.Alias) -> bool:
 SETTINGS = "affmap.settings.base.Settings"
 
 
-def _signature(name: str) -> str:
+def _signature(kind: type[Settings]) -> str:
     """The signature of a class, a line for each argument."""
-    module, _, kind = name.rpartition(".")
-    parameters = inspect.signature(getattr(import_module(module), kind)).parameters.values()
-    lines = [f"    {re.sub(r'affmap[.][a-z_.]+', '', str(parameter))}," for parameter in parameters]
-    return "\n".join([f"{kind}(", "    *,", *lines, ")"])
+    lines = [f"    {parameter}," for parameter in inspect.signature(kind).parameters.values()]
+    return "\n".join([f"{kind.__name__}(", "    *,", *lines, ")"])
 
 
 def place(name: str) -> str:

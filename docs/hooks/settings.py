@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from api import member
+from keys import described
 from places import ROOT
 from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
@@ -22,8 +22,6 @@ from affmap.report.markdown import code, table
 CONF = ROOT / "conf"
 ELSEWHERE = ("hydra", "layout")
 """Folders of `conf` that are no groups of the command line."""
-COMMON = 1_000_000
-"""Upper limits from here on are left out: they only keep mistakes from filling the memory."""
 
 
 def settings() -> str:
@@ -73,14 +71,14 @@ def _keys(
     kind: type[BaseModel], keys: set[str], values: Mapping[str, Any], prefix: str, choice: str = ""
 ) -> Iterator[str]:
     """Sections on some keys of a class, in its order; `choice` tells apart those of the same name."""
-    schema = kind.model_json_schema()["properties"]
     level, anchor = ("####", choice.replace("=", ".") + ".") if choice else ("###", prefix)
-    for key in filter(keys.__contains__, kind.model_fields):
-        name = prefix + key
-        default = values.get(key, _chosen().get(name.replace(".", "/")))
-        yield f"{level} `{name}` {{ #{anchor}{key} .key }}"
-        yield f"{_words(schema[key])}; default {_plain(default)}\n{{ .kind }}"
-        yield _meaning(kind, key)
+    for key, words, meaning in described(kind):
+        if key in keys:
+            name = prefix + key
+            default = values.get(key, _chosen().get(name.replace(".", "/")))
+            yield f"{level} `{name}` {{ #{anchor}{key} .key }}"
+            yield f"{words}; default {_plain(default)}\n{{ .kind }}"
+            yield re.sub(r"\bNone\b", "`null`", meaning)  # as files and command lines write it
 
 
 def _choices(group: str, nested: bool = False) -> str:
@@ -124,54 +122,5 @@ def _values(path: Path) -> dict[str, Any]:
     return values
 
 
-def _meaning(kind: type[BaseModel], key: str) -> str:
-    """The docstring of a key, with the value `null` as files and command lines write it."""
-    for base in kind.__mro__:
-        if base.__module__.startswith("affmap.") and key in vars(base).get("__annotations__", {}):
-            docstring = member(f"{base.__module__}.{base.__qualname__}.{key}").docstring
-            return re.sub(r"\bNone\b", "`null`", " ".join(docstring.value.split())) if docstring else ""
-    return ""
-
-
 def _plain(value: Any) -> str:
     return code(yaml.safe_dump(value, default_flow_style=True, width=1000).removesuffix("...\n").strip())
-
-
-def _words(schema: Mapping[str, Any]) -> str:
-    """The type of a value in words, from its schema."""
-    match schema:
-        case {"anyOf": kinds} | {"oneOf": kinds}:
-            return " or ".join(map(_words, kinds))
-        case {"enum": values}:
-            return ", ".join(code(str(value)) for value in values)
-        case {"type": "array", "prefixItems": items}:
-            return f"{len(items)} values: {_words(items[0])}"
-        case {"type": "array", "items": items}:
-            return f"list: {_words(items)}"
-        case {"type": "integer" | "number" as name}:
-            return f"{name} {_limits(schema)}".strip()
-        case {"type": "boolean"}:
-            return "`true` or `false`"
-        case {"type": "null"}:
-            return "`null`"
-        case {"type": "object"}:
-            return "mapping"
-        case {"format": "path"}:
-            return "folder"
-        case {"pattern": _}:
-            return "name"
-        case {"$ref": name}:
-            return str(name).rpartition("/")[2].lower()
-        case {"type": "string"}:
-            return "text"
-    return "group"
-
-
-def _limits(schema: Mapping[str, Any]) -> str:
-    """The tightest limits of a number; upper ones that are common to all are left out."""
-    lower = {">": ("gt", "exclusiveMinimum"), "≥": ("ge", "minimum")}
-    upper = {"<": ("lt", "exclusiveMaximum"), "≤": ("le", "maximum")}
-    above = [(schema[key], sign) for sign, keys in lower.items() for key in keys if key in schema]
-    below = [(schema[key], sign) for sign, keys in upper.items() for key in keys if schema.get(key, COMMON) < COMMON]
-    tightest = [*sorted(above, key=lambda limit: -limit[0])[:1], *sorted(below, key=lambda limit: limit[0])[:1]]
-    return ", ".join(f"{sign} {value:g}" for value, sign in tightest)

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from commands import COMMAND, ENVIRONMENT, in_process, jobs, line
 
-from affmap.config import sweep
+from affmap.config import notes
 from affmap.env.registration import environments
 from affmap.results.files import read_trajectories
 from affmap.settings import ConfigError, extensions, folder
@@ -143,7 +143,17 @@ def told(folder: Path, *overrides: str) -> str:
         (
             "re, broken",
             "agent=still",
-            "importing 'broken' failed with ZeroDivisionError: .*; correct the name",
+            r"importing 'broken' failed in .*/work/broken\.py, line 3, with ZeroDivisionError: .*; correct the name",
+        ),
+        (
+            "again",
+            "agent=still",
+            r"importing 'again' failed in .*/work/again/__init__\.py, line 2, with ValueError: the metric 'reached'",
+        ),
+        (
+            "uneven",
+            "agent=still",
+            r"importing 'uneven' failed with SyntaxError: .*\(uneven\.py, line 2\); correct the name",
         ),
     ],
 )
@@ -151,7 +161,12 @@ def test_a_name_that_is_not_known_is_told(
     work: Path, monkeypatch: pytest.MonkeyPatch, names: str, override: str, sentence: str
 ) -> None:
     """In a line each, with the names that there are, or the module and its error."""
-    (work / "broken.py").write_text("1 / 0\n")
+    (work / "broken.py").write_text("import re\n\n1 / 0\n")
+    (work / "uneven.py").write_text("import re\nx = (\n")
+    (work / "again").mkdir()
+    (work / "again/__init__.py").write_text(
+        "import affmap\naffmap.register_metric('reached', affmap.Metric('reached', 'share', 'reached', print))\n"
+    )
     monkeypatch.setenv("AFFMAP_IMPORT", names)
     messages = told(work, override).splitlines()  # of a layout with two such circles: two
     assert messages and all(re.search(sentence, message) for message in messages)
@@ -163,7 +178,8 @@ def test_a_package_that_is_damaged_is_told_with_its_version(work: Path, monkeypa
     (work / "site/garden.py").write_text("import no_such_module\n")
     monkeypatch.syspath_prepend(work / "site")
     assert told(work, "planner=shooting").endswith(
-        "planner: the entry point 'things' of garden 1.2: importing 'garden' failed with ModuleNotFoundError: "
+        "planner: the entry point 'things' of garden 1.2: importing 'garden' failed in "
+        f"{work / 'site/garden.py'}, line 1, with ModuleNotFoundError: "
         "No module named 'no_such_module'; mend or uninstall the package."
     )
     assert jobs(work)[0].planner.kind == "cem"
@@ -174,7 +190,7 @@ def test_a_stored_file_imports_nothing(
 ) -> None:
     """A note of a sweep with the name of a module that lies beside it: only the variable loads it."""
     (work / "still.py").write_text(f"import os; os.mkdir({str(work / 'canary')!r})\n")
-    sweep.write_note(work / "output", line(work, "agent=still"))
+    notes.write_note(work / "output", line(work, "agent=still"))
     for names in ("", "still"):
         monkeypatch.setenv("AFFMAP_IMPORT", names)
         assert in_process(monkeypatch, "affmap-status", ["output"]) == 2

@@ -43,6 +43,31 @@ def test_a_signal_in_the_middle_of_a_library_is_no_mistake(number: signal.Signal
     assert (ended.returncode, ended.stdout) == (status, "") and ended.stderr.startswith("Stopped")
 
 
+WORKS = """
+import os, signal, threading, time
+from joblib import Parallel, delayed
+from affmap.cli.app import command
+from affmap.cli.processes import sigint_spares_workers
+
+def body(_):
+    with sigint_spares_workers():
+        threading.Timer({moment}, os.killpg, (0, signal.SIGINT)).start()
+        Parallel(n_jobs=2)(delayed(time.sleep)(60) for _ in range(2))
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # where it is ignored from outside
+command(body)
+"""
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 1.0])
+def test_ctrl_c_while_workers_start_is_told_once(moment: float) -> None:
+    """A terminal sends it to the command and to its workers, of which each would print its own error, from imports."""
+    program = [sys.executable, "-c", WORKS.format(moment=moment)]
+    ended = subprocess.run(program, capture_output=True, text=True, check=False, timeout=50, start_new_session=True)
+    told = "Stopped; run the same command again to resume.\n"
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", told)
+
+
 def raised(error: BaseException, after: BaseException | None, hidden: bool) -> BaseException:
     """An error as it is caught: raised while another one was handled, `from` it or `from None`."""
     try:

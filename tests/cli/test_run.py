@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
@@ -21,9 +22,9 @@ import torch
 import yaml
 from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, line
 
-import affmap.pipeline.job
+import affmap.pipeline.machine
 from affmap import pipeline
-from affmap.cli import app, paper, publish, report, status
+from affmap.cli import app, paper, publish, report, run, status
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.env import Layout
@@ -32,8 +33,7 @@ from affmap.model.lookup import AffordanceMap, ExactLookup
 from affmap.model.stack import Stack
 from affmap.model.weights import restore
 from affmap.pipeline.completed import completed
-from affmap.pipeline.execution import check_devices
-from affmap.pipeline.job import MachineError
+from affmap.pipeline.machine import MachineError, check_devices
 from affmap.pipeline.stage import CONTROL, TRAIN
 from affmap.play import render, window
 from affmap.random import generator
@@ -506,7 +506,7 @@ def test_a_missing_logger_is_reported_before_anything_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: list[str], logger: str
 ) -> None:
     """One sentence with the remedy."""
-    monkeypatch.setattr(affmap.pipeline.job, "find_spec", lambda name: None)
+    monkeypatch.setattr(affmap.pipeline.machine, "find_spec", lambda name: None)
     assert in_process(monkeypatch, "affmap", [*line(tmp_path, *asked), f"logger={logger}"]) == 2
     message = capsys.readouterr().err
     assert re.fullmatch(rf"logger = '{logger}' needs .*: pip install \"{logger}.*\", or say logger=csv\.\n", message)
@@ -526,24 +526,37 @@ def no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 
 NO_GPU = [
     ("control.device=cuda", "control.device = 'cuda': PyTorch finds no CUDA GPU here; say control.device=cpu"),
-    ("training.accelerator=gpu", "training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator="),
+    (
+        "training.accelerator=gpu",
+        "training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator=cpu",
+    ),
 ]
 
 
 @pytest.mark.usefixtures("no_gpu")
-def test_a_missing_gpu_is_reported_at_the_start_of_a_job(
+def test_a_missing_gpu_is_reported_before_anything_runs(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before anything is explored, with the reason in the status; a job whose stages are complete needs none."""
+    """One sentence for all jobs; those whose stages are complete need none."""
     for overrides, message in NO_GPU:
-        assert in_process(monkeypatch, "affmap", line(tmp_path, overrides)) == 1
-        captured = capsys.readouterr()
-        assert message in captured.out and "Traceback" not in captured.out
-        assert f"the only setting: MachineError: {message}" in captured.err
+        assert in_process(monkeypatch, "affmap", line(tmp_path, *SWEEP, overrides)) == 2
+        assert capsys.readouterr().err == f"{message}.\n"
+        assert in_process(monkeypatch, "affmap", line(swept, *SWEEP, overrides)) == 0
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_gpu")
+def test_a_missing_gpu_of_another_machine_is_reported_at_the_start_of_a_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is explored, with the reason in the status."""
+    for overrides, message in NO_GPU:
+        (config,) = jobs(tmp_path, overrides)
+        with pytest.raises(MachineError, match=re.escape(message)):
+            pipeline.run(config)
         assert [path.name for path in (tmp_path / "store").glob("*/*.partial/*")] == ["unfinished"]
         assert in_process(monkeypatch, "affmap-status", line(tmp_path, overrides)) == 0
         assert message in capsys.readouterr().out
-        assert in_process(monkeypatch, "affmap", line(swept, *SWEEP, overrides)) == 0
 
 
 @pytest.mark.usefixtures("no_gpu")
@@ -551,8 +564,11 @@ def test_a_missing_gpu_stops_a_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is no failure of the trials, none of which is kept, however many may fail; its sentence is all that is said
-    on stderr."""
+    on stderr. Here, before anything runs, and on a cluster, in the first trial."""
     asked = line(tmp_path, "search=training", "training.accelerator=gpu", "hydra.sweeper.num_trials=4")
+    assert in_process(monkeypatch, "affmap", asked) == 2
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr("affmap.cli.run.runs_here", lambda composed: False)
     for allowed in (0, 9):
         assert in_process(monkeypatch, "affmap", [*asked, f"hydra.sweeper.max_failures={allowed}"]) == 2
         message = "training.accelerator = 'gpu': PyTorch finds no GPU here; say training.accelerator=cpu."
@@ -713,7 +729,7 @@ def test_flags_are_not_swallowed(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--help"], "planner: cem, gradient"),
+        (["--hydra-help"], "--multirun"),
         (["experiment=exp1", "model.context_size=3", "--cfg", "job"], "context_size: 3"),
     ],
 )
@@ -731,7 +747,40 @@ def test_hydra_s_own_flags(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("module", [paper, publish, report, status, render, window])
+def test_affmap_without_arguments_runs_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The default setting takes an hour, and is run by name; the answer names purpose, examples, and where to go on."""
+    monkeypatch.chdir(tmp_path)
+    for arguments in ([], ["-m"]):
+        assert in_process(monkeypatch, "affmap", arguments) == 2
+        captured = capsys.readouterr()
+        assert captured.out == "" and captured.err.startswith("affmap: run the incomplete jobs")
+        assert len(re.findall("^  affmap ", captured.err, re.MULTILINE)) == 5
+        assert "`affmap --help` lists" in captured.err and "`affmap name=single` runs the defaults" in captured.err
+    assert Sweep.read(["name=single"]).configs == Sweep.read([]).configs and not list(tmp_path.iterdir())
+
+
+def test_the_help_of_affmap_fits_a_window(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """60 lines of 115 columns; every file of a group that has several is an override that the help names."""
+    assert in_process(monkeypatch, "affmap", ["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 60 and max(map(len, lines)) <= 115
+    words = {word.strip(",") for line in lines for word in line.split()}
+    assert {"fog", "procedural_hard", "planner:", "printed/cem", "gru", "factors/beta", "smoke", "reference"} <= words
+
+
+@pytest.mark.parametrize("entry", ["affmap", "affmap-status", "affmap-report", "affmap-publish"])
+def test_all_commands_know_the_version(
+    entry: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """That of affmap first, and torch's and Hydra's, on one line."""
+    assert in_process(monkeypatch, entry, ["--version"]) == 0
+    told = capsys.readouterr().out
+    assert re.fullmatch(rf"affmap {version('affmap')} \(torch {re.escape(version('torch'))}, Hydra 1\..*\)\n", told)
+
+
+@pytest.mark.parametrize("module", [paper, publish, report, run, status, render, window])
 def test_optimised_bytecode_has_help(
     module: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -740,7 +789,7 @@ def test_optimised_bytecode_has_help(
     monkeypatch.setattr(sys, "argv", ["a command", "--help"])
     with contextlib.suppress(SystemExit):
         module.main()
-    assert re.match(r"affmap-\w+: [a-z ]{10}.*\n\nusage: affmap(.*\n)+examples:\n  affmap", capsys.readouterr().out)
+    assert re.match(r"affmap(-\w+)?: [a-z ]{10}.*\n\nusage: affmap(.*\n)+examples:\n  affmap", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("entry", ["affmap", "affmap-status", "affmap-report", "affmap-publish"])

@@ -8,8 +8,8 @@ import pytest
 from commands import command, in_process, line
 
 from affmap.cli.status import SHARED, own_stages, summary, table
-from affmap.config import sweep
-from affmap.config.sweep import Sweep, write_note
+from affmap.config import notes
+from affmap.config.sweep import Sweep
 from affmap.pipeline import train
 from affmap.pipeline.progress import duration
 from affmap.pipeline.status import JobStatus, StageStatus, failures, overview
@@ -109,7 +109,7 @@ def test_failures_have_their_reason_and_their_log() -> None:
 def test_a_failure_says_whose_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two sweeps share a stage, and that of runs/b was the last to try it."""
     monkeypatch.chdir(tmp_path)
-    write_note(Path("runs/b"), [])
+    notes.write_note(Path("runs/b"), [])
     state = State("failed", error="ValueError: no luck", log=str(tmp_path / "runs/b/jobs/0_x/affmap.log"))
     jobs = [JobStatus("size=3", (StageStatus("train", "e", state),))]
     own = "size=3: ValueError: no luck\n    log: runs/b/jobs/0_x/affmap.log"
@@ -172,8 +172,8 @@ def test_a_sweep_that_cannot_be_read_does_not_hide_the_others(
 ) -> None:
     """A key was renamed since; trials were edited: each is named, and the others are reported."""
     older, edited = failing / "older", failing / "edited"
-    sweep.write_note(older, ["training.old_name=3"])
-    sweep.write_note(edited, [*line(failing), "search=cem", f"output={edited}"])
+    notes.write_note(older, ["training.old_name=3"])
+    notes.write_note(edited, [*line(failing), "search=cem", f"output={edited}"])
     (edited / "jobs/trials.jsonl").write_text("[]\n")
     folders = [str(folder) for folder in (older, edited, failing / "output")]
     assert in_process(monkeypatch, "affmap-status", folders) == 2
@@ -226,7 +226,7 @@ def test_of_many_folders_five_are_listed(
     """Beside an experiment of that name, and the nearest folder."""
     monkeypatch.chdir(tmp_path)
     for name in ("a", "b", "c", "d", "e", "exp12", "f"):
-        write_note(Path("runs") / name, [])
+        notes.write_note(Path("runs") / name, [])
     assert in_process(monkeypatch, "affmap-status", ["exp1"]) == 2
     listed = "runs/a, runs/b, runs/c, runs/d, runs/e and 2 more.\n"
     meant = "did you mean experiment=exp1 or runs/exp12?"

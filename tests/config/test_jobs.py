@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from affmap.config import compose, jobs
+from affmap.config.overrides import parse
 from affmap.config.root import Config
 from affmap.results.provenance import leaves
 from affmap.settings import ConfigError, folder
@@ -87,7 +88,7 @@ def test_a_job_has_the_configuration_that_hydra_composes(line: str, monkeypatch:
     for _ in range(5):
         swept = draw.sample(keys, 8)
         values = first | {key: ",".join(values_of(key, known.get(key), draw)) for key in swept}
-        expanded = jobs.expand(compose.parse([line, *(f"{key}={value}" for key, value in values.items())]))
+        expanded = jobs.expand(parse([line, *(f"{key}={value}" for key, value in values.items())]))
         assert len(expanded) == 2 ** len(swept)
         checker = jobs.Checker()
         for job in draw.sample(expanded, 3):
@@ -118,6 +119,6 @@ def test_hydra_composes_once_for_each_choice_of_groups(
     composed: list[Any] = []
     monkeypatch.setattr(jobs, "compose", lambda lines: composed.append(lines) or compose.compose(lines))
     checker = jobs.Checker()
-    for job in jobs.expand(compose.parse(overrides)):
+    for job in jobs.expand(parse(overrides)):
         outcome(checker.check, job)
     assert len(composed) == compositions

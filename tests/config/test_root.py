@@ -124,7 +124,6 @@ def test_every_file_is_an_option_of_a_group_of_the_root() -> None:
     known = {CONF / "config.yaml", *(CONF / group / f"{option}.yaml" for group, option in options)}
     assert {path for path in CONF.rglob("*.yaml") if "hydra" not in path.parts} == known
     assert {str(path.relative_to(CONF / "hydra")) for path in CONF.glob("hydra/**/*.yaml")} == {
-        "help/affmap.yaml",
         "hydra_logging/affmap.yaml",
         "job_logging/affmap.yaml",
         "launcher/slurm.yaml",  # tests/test_launchers.py

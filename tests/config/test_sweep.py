@@ -2,7 +2,6 @@
 
 import itertools
 import re
-import shlex
 from collections.abc import Sequence
 
 import pytest
@@ -183,19 +182,6 @@ def test_the_options_of_a_group_include_files_in_folders() -> None:
         sweep.complete(["experiment=moon"])
 
 
-@pytest.mark.parametrize("character", sorted({*"~!@#$%^&*()-_+={}[]|\\:;\"',.<>?/`éß€ "}))
-def test_the_advice_for_a_character_is_taken(character: str) -> None:
-    """A text that Hydra refuses is read in the quotes that the sentence shows, for a shell as `shlex` is one."""
-    try:
-        sweep.parse([f"title=a{character}b"])
-    except ConfigError as error:
-        advice = str(error).rpartition(", as in ")[2].removesuffix(".")
-        if character in "()[]{}=\"'":
-            assert "meaning of their own" in advice
-        else:
-            assert [each.value() for each in sweep.parse(shlex.split(advice))] == [f"a{character}b"]
-
-
 @pytest.mark.parametrize(
     ("line", "message"),
     [
@@ -231,14 +217,6 @@ def test_a_layout_that_is_misspelt_is_suggested() -> None:
         ConfigError, match=r"conf/layout/orignal.yaml does not exist; did you mean original\? There are: "
     ):
         sweep.jobs(["world=orignal"])
-
-
-def test_another_experiment_with_the_same_command_line() -> None:
-    """By hand: what is dropped, what is replaced, and what stays."""
-    line = sweep.complete(["experiment=exp3", "scale=smoke", "++seed=3", "model.context_size=0,8"])
-    swept = ("planner", "world", "model.context_size")
-    assert sweep.replace_experiment(line, "exp3_growth", swept) == ["scale=smoke", "++seed=3", "experiment=exp3_growth"]
-    assert sweep.replace_experiment(["output=a"], "exp1", ("output",)) == ["experiment=exp1"]
 
 
 def flown(line: Sequence[str]) -> list[tuple[str, str, int, int]]:

@@ -103,8 +103,8 @@ def test_places_of_all_members_may_be_given_at_once(agent: Agent) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ({"steps": 0}, r"^flight: num_steps = 0 is not allowed"),
-        ({"runs": 1.5}, r"^flight: runs_per_member = 1.5 is not allowed"),
+        ({"steps": 0}, r"^steps = 0 is not allowed; give a whole number, 1 or more\.$"),
+        ({"runs": 1.5}, r"^runs = 1.5 is not allowed; give a whole number"),
         ({"seed": -1}, r"^seed = -1 is not allowed; give a whole number, 0 or more\.$"),
         ({"seed": "x"}, r"^seed = 'x' is not allowed"),
         ({"starts": [0.75, 0.5]}, r"^starts: \[0.75, 0.5\] is not allowed; .* of 'original', with room for a vehicle"),
@@ -117,7 +117,11 @@ def test_places_of_all_members_may_be_given_at_once(agent: Agent) -> None:
         ({"starts": [[1, 1], [1]]}, r"^starts = \[\[1, 1\], \[1\]\] is not allowed; give points"),
         ({"starts": "corner"}, r"^starts = 'corner' is not allowed"),
         ({"starts": []}, r"^starts has the shape \[0\]"),
+        ({"steps": 10**7}, r"^flight: num_steps = 10000000 is not allowed"),
         ({"vehicle": "boat"}, r"conf/vehicle/boat.yaml does not exist"),
+        ({"vehicle": {"mas": 0.2}}, r"^vehicle: mas = 0.2 is not a known key; did you mean mass\?"),
+        ({"vehicle": {"mass": -1}}, r"^vehicle: mass = -1 is not allowed: it should be greater than 0\.$"),
+        ({"vehicle": 3}, r"^vehicle = 3 is not allowed: give some of its keys and values, such as \{'radius': 0\.06\}"),
     ],
 )
 def test_a_mistake_is_told(agent: Agent, arguments: dict[str, Any], told: str) -> None:
@@ -169,6 +173,14 @@ def test_another_vehicle_is_warned_of(strong: Agent, agent: Agent) -> None:
     assert same(runs, affmap.fly(agent, LAYOUT, steps=T))
     affmap.fly(strong, LAYOUT, steps=1, vehicle=STRONG.plain)
     affmap.fly(Agent(agent.stack, agent.lookup, agent.planner, agent.settings), LAYOUT, steps=1, vehicle=STRONG)
+
+
+def test_a_vehicle_may_be_given_in_part(agent: Agent) -> None:
+    """Missing keys are those of `conf/vehicle/default.yaml`, wherever a vehicle is taken."""
+    with pytest.warns(UserWarning, match=rf"wrong: thrust = {STRONG.thrust} instead of"):
+        flown = affmap.fly(agent, LAYOUT, steps=T, vehicle={"thrust": STRONG.thrust})
+    assert flown.vehicle == STRONG == VehicleEnv(LAYOUT, {"thrust": STRONG.thrust}).vehicle
+    assert affmap.fly(agent, LAYOUT, steps=1).vehicle == agent.vehicle
 
 
 def test_an_oracle_flies_the_vehicle_that_it_knows() -> None:

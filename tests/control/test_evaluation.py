@@ -50,6 +50,22 @@ def test_a_row_is_a_run_of_a_flight(agents: dict[str, Agent]) -> None:
     assert len(table) == (2 + 1 + 1) * 2 * 2
 
 
+def test_a_registered_metric_is_in_the_tables_of_flights_and_evaluations(
+    agents: dict[str, Agent], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last column of both, by the function itself; also of runs that were flown before."""
+    earlier = affmap.fly(agents["blind"], "original", runs=2, steps=3)
+
+    def effort(paths: files.Trajectories) -> Any:
+        return paths.action.sum(axis=2).mean(axis=1)
+
+    monkeypatch.setitem(metrics.METRICS, "effort", metrics.Metric("effort", "throttles", "open throttles", effort))
+    flown = affmap.fly(agents["blind"], "original", runs=2, steps=3)
+    expected = flown.trajectories["action"].sum(axis=2).mean(axis=1).tolist()
+    for table in (flown.table, earlier.table, affmap.evaluate(agents["blind"], "original", runs=2, steps=3)):
+        assert table.columns[-1] == "effort" and table["effort"].tolist() == expected
+
+
 def test_one_agent_and_one_layout_need_no_names(agents: dict[str, Agent]) -> None:
     """An agent has the name of its planner, another controller its own; an oracle's context size is its model's."""
     table = affmap.evaluate(agents["seeing"], "original", runs=1, steps=1)
@@ -115,5 +131,5 @@ def test_a_mistake_is_told(arguments: tuple[Any, Any], told: str) -> None:
 def test_an_agent_that_cannot_see_a_layout_is_told(agents: dict[str, Agent]) -> None:
     with pytest.raises(ConfigError, match="'fog' has channels"):
         affmap.evaluate(agents, "fog")
-    with pytest.raises(ConfigError, match=r"^flight: runs_per_member = 0 is not allowed"):
+    with pytest.raises(ConfigError, match=r"^runs = 0 is not allowed; give a whole number"):
         affmap.evaluate(agents, "original", runs=0)

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from commands import command, in_process, jobs, line
@@ -19,6 +20,7 @@ from affmap.model.lookup import AffordanceMap
 from affmap.model.weights import WEIGHTS
 from affmap.planning.cem import CEMPlanner
 from affmap.random import generator
+from affmap.results.files import read_validation
 from affmap.settings import ConfigError
 from affmap.store.stage import StoreError
 
@@ -84,7 +86,7 @@ def test_what_comes_with_the_package_can_be_flown(tmp_path: Path, monkeypatch: p
     for name, sizes in {"exp1": [0, 1, 3, 5, 8], "exp2": [0, 1, 3, 5, 8], "exp4": [0, 8], "exp5": [0, 8]}.items():
         assert pretrained.origin(name).context_sizes == sizes
         for size in sizes:
-            affmap.load(name, context_size=size)
+            assert affmap.load(name, context_size=size).losses is None
     with pytest.raises(ConfigError, match=r"has models of the context sizes \[0, 8\], and none of 3"):
         affmap.load("exp4", context_size=3)
     with pytest.raises(
@@ -120,12 +122,15 @@ def test_an_agent_of_a_run_flies_what_the_run_has_recorded(ran: Path) -> None:
         for key in ("position", "goal", "action", "planned_position"):
             np.testing.assert_allclose(runs.trajectories[key], recorded[key], atol=1e-5)
         assert agent.vehicle == pretrained.origin(ran / "output").vehicle == config.vehicle
+        pd.testing.assert_frame_equal(agent.losses, read_validation(job.train[0]))
 
 
 def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
         ({"source": "exp9"}, "exp9 is neither the folder of .* exp1, exp2, exp3, exp4, exp5"),
         ({"source": ran}, "is neither the folder"),
+        ({"source": 3}, r"^source = 3 is not allowed; give a folder, or the name of an experiment, such as 'exp1'\.$"),
+        ({"source": ran / "output", "context_size": "1"}, r"and none of '1'\.$"),
         ({"source": ran / "output", "context_size": 3}, r"has models of the context sizes \[0, 1\], and none of 3"),
         ({"source": ran / "output", "context_size": 1, "members": (0, 1)}, r"members = \[0, 1\] .* one job only"),
         ({"source": "exp1", "members": (25,)}, r"members = \[25\] is not allowed"),

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
@@ -16,6 +17,7 @@ from affmap.model.lookup import AffordanceMap, ExactLookup, LookupSettings, make
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.transition import MLP
 from affmap.model.weights import WEIGHTS
+from affmap.results.files import VALIDATION
 from affmap.settings import ConfigError
 from affmap.store.provenance import with_checksum
 from affmap.store.stage import StoreError
@@ -23,6 +25,9 @@ from affmap.store.stage import StoreError
 LAYOUT = affmap.Layout.load("layout", "fog")
 CONTROL = affmap.control.ControlSettings.load("control", "default", num_steps=3, beta=5.0, runs_per_member=2)
 VEHICLE = affmap.Vehicle.load("vehicle", "default", thrust=0.7)
+LOSSES = pd.DataFrame(
+    {"member": [3, 3, 7, 7], "epoch": [1, 2, 1, 2], "training_nll": 0.5, "validation_nll": [0.1, -1.23, np.nan, 3.0]}
+)
 PLANNERS: dict[str, Any] = {
     "cem": affmap.CEMPlanner.load("planner", "cem", horizon=4, num_candidates=8, num_iterations=2),
     "gradient": affmap.GradientPlanner.load("planner", "gradient", horizon=3, num_iterations=2),
@@ -78,6 +83,17 @@ def test_some_members_another_planner_another_world(tmp_path: Path) -> None:
     np.testing.assert_allclose(alone, together[2:], atol=1e-5)
 
 
+def test_losses_come_back(tmp_path: Path) -> None:
+    """NaN of a member that has diverged, too; an agent without known ones, saved there later, has none."""
+    agent = make()
+    agent.losses = LOSSES
+    agent.save(tmp_path / "mine")
+    assert {path.name for path in (tmp_path / "mine").iterdir()} == {*saved.FILES}
+    pd.testing.assert_frame_equal(affmap.load(tmp_path / "mine").losses, LOSSES, check_exact=True)
+    make().save(tmp_path / "mine")
+    assert affmap.load(tmp_path / "mine").losses is None
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [
@@ -105,7 +121,7 @@ def test_only_an_earlier_saved_agent_is_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "link").is_symlink() and len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("name", [".git/config", "notes.txt", WEIGHTS, "provenance.json"])
+@pytest.mark.parametrize("name", [".git/config", "notes.txt", WEIGHTS, VALIDATION, "provenance.json"])
 def test_whatever_else_is_there_stays(name: str, tmp_path: Path) -> None:
     """A repository, a text, the weights of a training: every file, and a remedy."""
     path = tmp_path / "mine" / name
@@ -166,16 +182,18 @@ def test_what_no_settings_describe_cannot_be_saved(change: Callable[[Agent], Non
     assert affmap.load(tmp_path / "mine").seeds == (3, 7)
 
 
-@pytest.mark.parametrize("name", [saved.AGENT, WEIGHTS])
+@pytest.mark.parametrize("name", [saved.AGENT, WEIGHTS, VALIDATION])
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty", "other"])
 def test_damage_is_told(name: str, damage: str, tmp_path: Path) -> None:
-    make().save(tmp_path / "mine")
+    agent = make()
+    agent.losses = LOSSES
+    agent.save(tmp_path / "mine")
     path = tmp_path / "mine" / name
     content = path.read_bytes()
     place = content.rindex(b"3")
     changed = content[:place] + b"4" + content[place + 1 :]
     path.write_bytes({"cut": content[:-2], "changed": changed, "empty": b"", "other": b"[]"}[damage])
-    with pytest.raises(StoreError, match=r"mine is corrupted: agent\.json or weights\.safetensors is not as it was"):
+    with pytest.raises(StoreError, match=r"mine is corrupted: agent\.json or .* or validation\.csv is not as it was"):
         affmap.load(tmp_path / "mine")
 
 

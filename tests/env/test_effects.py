@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,6 +41,13 @@ def test_every_effect_can_be_told_from_the_others() -> None:
     assert len({effect.color for effect in EFFECTS.values()}) == len(EFFECTS)
     assert set(pulls()) == {"force_up", "force_down"}
     assert all(np.linalg.norm(pull) == pytest.approx(1) for pull in pulls().values())
+
+
+@pytest.mark.parametrize("wrong", [lambda offset, velocity: -offset, "blows", None])
+def test_something_else_than_an_effect_is_refused(wrong: Any) -> None:
+    with pytest.raises(ValueError, match=r"^the effect 'wind' is .*; give affmap\.Effect\(label, color\), with a pull"):
+        register_effect("wind", wrong)
+    assert "wind" not in EFFECTS
 
 
 def test_a_line_makes_a_new_pull() -> None:

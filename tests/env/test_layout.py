@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from affmap.env.body import Vehicle
 from affmap.env.layout import Circle, Layout
+from affmap.env.procedural import Procedural, first_layout
 from affmap.settings import ConfigError, folder, read
 
 FILES = [path.stem for path in sorted((folder() / "layout").glob("*.yaml")) if "circles" in read("layout", path.stem)]
@@ -81,12 +83,12 @@ def test_the_original_is_the_paper_s_size_with_six_obstacles() -> None:
         ({"acts": None}, ["acts = None", "'center' or 'rim'"]),
     ],
 )
-def test_bad_input_is_named_with_file_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
+def test_bad_input_is_named_with_call_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
     """Golden parts of the message."""
     with pytest.raises(ConfigError) as caught:
         original(**changes)
     message = str(caught.value)
-    assert message.startswith("conf/layout/original.yaml: ")
+    assert message.startswith("Layout.load: ")
     assert [part for part in parts if part not in message] == [], message
 
 
@@ -279,3 +281,34 @@ def test_an_obstacle_may_stand_just_a_radius_from_a_start_corner() -> None:
     layout.check_corners(0.0625)
     with pytest.raises(ValueError, match=r"circles\[0\] .* blocks the start corner"):
         layout.check_corners(0.0625 + 2**-20)
+
+
+def test_rules_are_no_layout_and_a_layout_is_no_rules() -> None:
+    """A sentence each, by the file, by the call and by plain values."""
+    rules, layout = read("layout", "procedural_easy"), read("layout", "original")
+    told = "'procedural_easy' holds rules for random layouts, not a layout: read it with affmap.Procedural, whose "
+    for origin, use in (
+        ("conf/layout/procedural_easy.yaml", lambda: Layout.load("layout", "procedural_easy")),
+        ("Layout", lambda: Layout(**rules)),
+        ("mine", lambda: Layout.checked(rules, "mine")),
+    ):
+        with pytest.raises(ConfigError) as caught:
+            use()
+        assert str(caught.value).startswith(f"{origin}: {told}") and "\n" not in str(caught.value)
+    with pytest.raises(ConfigError, match=r"^mine: 'original' holds a layout, not rules .* affmap\.Layout\.$"):
+        Procedural.checked(layout, "mine")
+
+
+def test_a_file_has_the_name_of_its_layout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever it is read; a call may give another name."""
+    (tmp_path / "conf/layout").mkdir(parents=True)
+    for name in ("original", "procedural_easy"):
+        (tmp_path / f"conf/layout/my_{name}.yaml").write_text(json.dumps(read("layout", name)))
+    monkeypatch.chdir(tmp_path)
+    told = r"^conf/layout/my_original\.yaml: name = 'original' must be that of the file, 'my_original'\.$"
+    for use in (lambda: Layout.load("layout", "my_original"), lambda: first_layout("my_original", 0)):
+        with pytest.raises(ConfigError, match=told):
+            use()
+    with pytest.raises(ConfigError, match="name = 'procedural_easy' must be that of the file"):
+        Procedural.load("layout", "my_procedural_easy")
+    assert Layout.load("layout", "my_original", name="mine").name == "mine"

@@ -365,12 +365,12 @@ def obstacle(**changes: Any) -> dict[str, Any]:
         ({"circles": []}, ["circles = []", "not a known key"]),
     ],
 )
-def test_bad_input_is_named_with_file_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
+def test_bad_input_is_named_with_call_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
     """Golden parts of the message."""
     with pytest.raises(ConfigError) as caught:
         easy(**changes)
     message = str(caught.value)
-    assert message.startswith("conf/layout/procedural_easy.yaml: ")
+    assert message.startswith("Procedural.load: ")
     assert [part for part in parts if part not in message] == [], message
 
 

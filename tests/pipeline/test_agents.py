@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from commands import jobs
@@ -265,6 +266,21 @@ def test_groups_may_be_named_or_given_as_settings(configured: Callable[..., Conf
     assert configured("original", planner={**planner.plain}).planner == planner
 
 
+def test_a_planner_of_another_kind_may_be_given_in_part(configured: Callable[..., Config]) -> None:
+    """Its missing keys are those of the file with its name, as in a call of its class."""
+    config = configured("original", planner={"kind": "gradient", "horizon": 7})
+    assert config.planner == affmap.GradientPlanner(horizon=7)
+
+
+def test_a_key_may_be_given_twice_with_one_value(configured: Callable[..., Config]) -> None:
+    """By an argument and in its group."""
+    gru = {"transition": {"kind": "gru"}, "context_size": 3}
+    config = configured("original", model=gru, context_size=3, transition="gru", epochs=2, training={"num_epochs": 2})
+    assert (config.model.transition.kind, config.model.context_size, config.training.num_epochs) == ("gru", 3, 2)
+    settings = affmap.ModelSettings(**gru)
+    assert configured("original", model=settings, context_size=3, transition={"kind": "gru"}).model == settings
+
+
 def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config]) -> None:
     """As many as asked for, all different; none is the first that a member flies in."""
     rules = Procedural.load("layout", "procedural_easy")
@@ -288,6 +304,22 @@ def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config
         ({"data": {"num_sequences": 0}}, r"num_sequences = 0 is not allowed"),
         ({"planner": "pid"}, r"conf/planner holds: cem, gradient"),
         ({"transition": "lstm"}, r"conf/model/transition holds: gru, mlp"),
+        (
+            {"context_size": 8, "model": {"context_size": 3}},
+            r"^model has context_size = 3, and context_size gives 8; give it once\.$",
+        ),
+        (
+            {"epochs": 2, "training": affmap.TrainingSettings(num_epochs=3)},
+            r"^training has num_epochs = 3, and epochs gives 2; give it once\.$",
+        ),
+        (
+            {"transition": "gru", "model": {"transition": {"kind": "mlp"}}},
+            r"^model has transition = \{'kind': 'mlp'\}, and transition gives \{'kind': 'gru'\}; give it once\.$",
+        ),
+        (
+            {"dataset": ARRAYS, "data": {"num_sequences": 3}},
+            r"^data has num_sequences = 3, and dataset gives 4; give it once\.$",
+        ),
         ({"layouts": []}, r"^train needs layouts to explore, as in affmap\.train\('original'\), or a dataset\.$"),
         ({"layouts": None}, r"^train needs layouts to explore"),
         ({"layouts": 3}, r"^layout = 3 is not allowed"),
@@ -322,6 +354,17 @@ def test_the_loss_is_shown(swept: tuple[Path, Setting], tmp_path: Path, capsys: 
         *(f"exploration of original: {number} of 4 sequences" for number in (1, 2, 3, 4)),
         *(f"{description}: {epoch} of 2 epochs, validation {loss:.2f} nats" for epoch, loss in losses.items()),
     ]
+
+
+def test_the_agent_knows_the_losses_of_its_training(swept: tuple[Path, Setting], tmp_path: Path) -> None:
+    """Those of the sweep's table, also after it was saved; of the members that are loaded, and in another world."""
+    table = execution.files.read_validation(swept[1].train[0])
+    agent = affmap.train("original", **SETTINGS, folder=swept[0] / "store")
+    agent.save(tmp_path / "mine")
+    for each in (agent, affmap.load(tmp_path / "mine"), agent.elsewhere(agent.lookup.worlds)):
+        pd.testing.assert_frame_equal(each.losses, table, check_exact=True)
+    (alone,) = affmap.load(tmp_path / "mine", members=[1]).losses["member"].unique()
+    assert list(table.columns) == ["member", "epoch", "training_nll", "validation_nll"] and alone == 1
 
 
 def test_a_training_has_the_threads_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,9 +86,9 @@ def test_help_comes_without_other_words() -> None:
         (["--output", "flight.avi"], "should end in .gif or .mp4"),
         (["--steps", "0"], "--steps 0 should be 1 or more"),
         (["--context-size", "4"], "none of 4"),
-        (["--layout", "mars"], "conf/layout/mars.yaml does not exist"),
+        (["--world", "mars"], "conf/layout/mars.yaml does not exist"),
         (["exp9"], "exp9 is neither"),
-        (["exp1", "--layout", "fog"], "'fog' has channels"),
+        (["exp1", "--world", "fog"], "'fog' has channels"),
     ],
 )
 def test_a_mistake_is_told(

@@ -1,5 +1,7 @@
 """Plots of the arena: the drawing functions of reports, arrays of a map, and paths made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -43,7 +45,8 @@ def test_a_layout_is_drawn_as_reports_draw_it() -> None:
         assert_array_equal(pixels(affmap.plot.layout(given, ax=axes())), expected)
     vehicle = affmap.Vehicle.load("vehicle", "default", radius=0.09)
     larger = pixels(arena.world_map(axes(), ORIGINAL, radius=0.09))
-    assert_array_equal(pixels(affmap.plot.layout("original", vehicle=vehicle, ax=axes())), larger)
+    for given in (vehicle, {"radius": 0.09}):
+        assert_array_equal(pixels(affmap.plot.layout("original", vehicle=given, ax=axes())), larger)
 
 
 def test_a_legend_names_effects_but_no_obstacles_alone() -> None:
@@ -143,6 +146,21 @@ def test_a_plan_is_drawn_with_three_standard_deviations() -> None:
     for index, step, message in ((2, 0, "index = 2 .* from 0 to 1"), (0, 2, "step = 2 .* from 0 to 1"), (0, -1, "-1")):
         with pytest.raises(ConfigError, match=message):
             affmap.plot.plan(make_runs([ORIGINAL] * 2), index, step)
+
+
+def test_a_plan_shows_the_vehicle_that_flew() -> None:
+    """The disc that is drawn last: of the runs' own radius, or of that which is asked for."""
+    runs = replace(make_runs([ORIGINAL]), vehicle=affmap.Vehicle(radius=0.09))
+    for given, radius in ((None, 0.09), ("default", 0.06), ({"radius": 0.05}, 0.05)):
+        *_, vehicle = affmap.plot.plan(runs, vehicle=given, ax=axes()).patches
+        assert isinstance(vehicle, Ellipse) and vehicle.width == pytest.approx(2 * radius)
+
+
+def test_something_else_than_runs_is_told() -> None:
+    agent = Agent(make_stack(0), ExactLookup(make_stack(0), [ORIGINAL.map]), PLANNER, SETTINGS)
+    for draw in (affmap.plot.trajectories, affmap.plot.plan):
+        with pytest.raises(ConfigError, match=r"^runs = Agent\(.* is not allowed; give runs of affmap\.fly\.$"):
+            draw(agent)  # type: ignore[operator]
 
 
 def test_flights_can_be_drawn_as_they_come() -> None:

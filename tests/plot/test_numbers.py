@@ -96,6 +96,22 @@ def test_tables_come_from_reports() -> None:
     assert texts(own) == ["EB", "GB"]
 
 
+def test_an_agent_shows_the_losses_of_its_training() -> None:
+    """A published one: means over its two members, as the table of the report has them; a curve for each by member."""
+    agent = affmap.load("exp1", context_size=8, members=(0, 3))
+    rows = pd.read_csv(REPORT / "tables/validation.csv").query("context_size == 8 and member in (0, 3)")
+    ax = affmap.plot.losses(agent, ax=axes())
+    (curve,) = (line for line in ax.lines if len(line.get_xdata()) == 50)
+    assert list(curve.get_ydata()) == pytest.approx(rows.groupby("epoch")["validation_nll"].mean().tolist())
+    assert to_hex(curve.get_color()) == context_color(8) and texts(ax) == [] and ax.get_title("left") == ""
+    ax = affmap.plot.losses(agent, by="member", ax=axes())
+    curves = [list(line.get_ydata()) for line in ax.lines if len(line.get_xdata()) == 50]
+    assert curves == [rows.query(f"member == {member}")["validation_nll"].tolist() for member in (0, 3)]
+    agent.losses = None
+    with pytest.raises(ConfigError, match=r"^the losses of the agent's training are unknown: an installed package"):
+        affmap.plot.losses(agent)
+
+
 def test_boxes_stand_at_their_values_in_the_colour_of_their_group() -> None:
     """Medians by hand: 3 u and 30 u, 8 u more at context size 8, the smaller size to the left."""
     ax = affmap.plot.boxes(make_runs(), "mean_distance", color="agent", ax=axes())
@@ -157,9 +173,10 @@ def test_runs_are_drawn_as_their_table() -> None:
 
 
 def test_wrong_tables_are_told_in_a_sentence() -> None:
-    runs = make_runs()
+    runs, agent = make_runs(), affmap.load("exp1")
     for wrong, message in (
         (lambda: affmap.plot.boxes("exp9", "mean_distance"), "exp9 is no report with tables/runs.csv: give a table"),
+        (lambda: affmap.plot.boxes(agent, "mean_distance"), r"^Agent\(1 member, .* is no report with tables/runs.csv"),
         (lambda: affmap.plot.losses(runs), "no column 'epoch'; it has agent, context_size, member"),
         (lambda: affmap.plot.losses(make_losses(), by="beta"), "no column 'beta'; it has context_size"),
         (lambda: affmap.plot.losses(make_losses()[:0]), "has no rows, and so no losses"),

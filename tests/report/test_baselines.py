@@ -65,8 +65,10 @@ def test_a_line_is_the_median_of_an_agent_s_runs_in_a_layout() -> None:
     for ax, colors in ((by_layout, ["#44aa99", "#882255"] * 2), (by_planner, ["#404040"] * 4)):
         assert heights(ax) == pytest.approx(expected)
         assert [to_hex(str(line.get_color())) for line in ax.lines] == colors
-        styles = [line._dash_pattern for line in ax.lines]  # type: ignore[attr-defined]
+        offsets, styles = zip(*(line._dash_pattern for line in ax.lines), strict=True)  # type: ignore[attr-defined]
         assert styles[0] == styles[1] != styles[2] == styles[3]
+        periods = [sum(styles[0]) / 2, sum(styles[2]) / 2] if ax is by_layout else [0.0, 0.0]
+        assert offsets == pytest.approx([0.0, periods[0], 0.0, periods[1]]), "colours at one height alternate"
         assert ax.get_ylim() == (0.0, 1.0) and not ax.texts
     assert [handle.get_label() for handle in handles] == ["oracle", "straight"]
 

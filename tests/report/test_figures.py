@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
+from matplotlib.patches import Patch, PathPatch
 from stage_files import make_world
 
 from affmap.env.geometry import reachable
@@ -15,7 +16,7 @@ from affmap.env.layout import Layout
 from affmap.env.scene import LAYERS, Mark
 from affmap.model.palette import Palette
 from affmap.report import figures, painted
-from affmap.report.drawing import arena, losses, numbers
+from affmap.report.drawing import arena, files, losses, numbers
 from affmap.report.drawing import failures as panels
 from affmap.report.drawing.colors import Groups, make_groups
 from affmap.report.figures import exploration
@@ -23,7 +24,7 @@ from affmap.report.figures import results as main_results
 from affmap.report.figures import world as world_figure
 from affmap.results import examples, failures
 from affmap.results.files import Trajectories
-from affmap.results.setting import ReportSettings, Setting
+from affmap.results.setting import Factor, ReportSettings, Setting
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -125,6 +126,65 @@ def test_bars_are_means_and_standard_deviations_over_members() -> None:
     ax = numbers.bars(Figure().subplots(), runs, "success", PLANNERS)
     assert sorted(ax.lines[0].get_ydata()) == pytest.approx([2 / 3 - 1 / 3**0.5, 1.0]), "no share is above 1"
     assert ax.get_ylim() == (0, 1.05)
+
+
+def test_a_bar_without_height_is_told_from_none() -> None:
+    """By hand: no run at size 0 succeeds, and size 3 was not flown by EB; of failures, there are none at size 3."""
+    both = Groups("planner", {"cem": "EB", "gradient": "GB"}, {"EB": "#0072B2", "GB": "#E69F00"})
+    runs = pd.DataFrame({"context_size": [0, 1, 0, 1, 3], "planner": ["cem"] * 2 + ["gradient"] * 3, "member": 0})
+    runs["success"] = [False, True, True, True, False]
+    ax = numbers.bars(Figure().subplots(), runs, "success", both)
+    assert [text.get_text() for text in ax.texts] == ["0", "0"]
+    assert [text.xy for text in ax.texts] == [(pytest.approx(-0.2), 0.0), (pytest.approx(2.2), 0.0)]
+    failed = pd.DataFrame({"context_size": [0, 3], "reason": ["stuck", ""]})
+    ax = panels.reasons(Figure().subplots(), failed)
+    assert [(text.get_text(), text.xy) for text in ax.texts] == [("0", (1, 0.0))]
+
+
+@pytest.mark.parametrize("width", [7.0, 3.5, 2.0])
+def test_a_legend_leaves_room_for_the_title(width: float) -> None:
+    """By the extents of what is drawn, in wide panels and narrow ones; beside the title where there is room."""
+    with files.style():
+        figure = files.new_figure(2.5, width)
+        ax = figure.subplots()
+        for name in ("original", "2 obstacles", "12 obstacles"):
+            ax.plot([0, 1], label=name)
+        numbers.titled(numbers.legend_above(ax), "C  Prediction error")
+        figure.draw_without_rendering()
+        legend, title = ax.get_legend().get_window_extent(), ax._left_title.get_window_extent()
+        assert not legend.overlaps(title) and not legend.overlaps(ax.get_window_extent())
+        assert (legend.y0 < title.y1) == (width == 7.0)
+        assert figure.bbox.x0 <= legend.x0 and legend.y1 <= figure.bbox.y1
+
+
+def test_a_legend_of_several_lines_has_each_heading_before_its_own_entries(tmp_path: Path) -> None:
+    """Read from the picture, line by line; a heading without entries has no line."""
+    lines = {"one:": ["a", "b", "c"], "none:": [], "two:": ["d"]}
+    figure = files.new_figure(2.0)
+    figure.subplots()
+    numbers.legend_below(figure, {name: [Patch(label=each) for each in own] for name, own in lines.items()})
+    files.save(figure, tmp_path / "figure", None)
+    texts = [text for text in figure.legends[0].get_texts() if text.get_text()]
+    places = {text.get_text(): text.get_window_extent() for text in texts}
+    heights = sorted({round(place.y0) for place in places.values()}, reverse=True)
+    found = [sorted((place.x0, name) for name, place in places.items() if round(place.y0) == y) for y in heights]
+    assert [[name for _, name in line] for line in found] == [["one:", "a", "b", "c"], ["two:", "d"]]
+
+
+def test_values_that_are_names_are_readable_and_in_the_order_of_the_report() -> None:
+    """By hand: MLP before GRU, in every panel whose axis or curves are transition models."""
+    kind, readable = Factor("model.transition", "kind_of_model", "transition"), {"mlp": "MLP", "gru": "GRU"}
+    table = pd.DataFrame({"kind_of_model": ["mlp", "gru"], "reason": "fog", "nearest": "fog", "distance": 0.1})
+    table = table.assign(acting=0, prediction_error=-8.0, kind="free", median=-8.0, mean=-7.0)
+    axes = [Figure().subplots() for _ in range(5)]
+    panels.reasons(axes[0], table, kind, readable)
+    panels.nearest(axes[1], table, kind, readable)
+    panels.fog_distances(axes[2], table, ["mlp", "gru"], kind, readable)
+    losses.step_losses(axes[3], table[::-1], "free", kind, readable)
+    for ax in axes[:4]:
+        assert [label.get_text() for label in ax.get_xticklabels()] == ["MLP", "GRU"]
+    panels.step_errors(axes[4], table, kind, readable)
+    assert axes[4].get_legend_handles_labels()[1] == ["MLP", "GRU"]
 
 
 def test_panels_without_anything_to_show_say_so(world: Layout) -> None:

@@ -112,6 +112,20 @@ def test_neither_a_notebook_nor_the_last_digits_of_a_layout_get_into_reports(
     assert changed(drawn / "1", drawn / "3") == []
 
 
+@pytest.mark.parametrize("place", ["outside upper right", "outside lower center"])
+def test_a_notice_lies_over_no_legend(tmp_path: Path, place: str) -> None:
+    """By the extents of what is drawn; the legend is also clear of the panels."""
+    figure = files.new_figure(2.0)
+    ax = figure.subplots()
+    ax.plot([0, 1], label="a curve with a name as long as a notice")
+    legend = figure.legend(loc=place, ncols=1)
+    files.save(figure, tmp_path / "figure", "TOY: every stage at toy size; the numbers mean nothing")
+    (notice,) = figure.texts
+    entry = legend.get_window_extent()
+    assert not notice.get_window_extent().overlaps(entry)
+    assert not ax.get_tightbbox().overlaps(entry)
+
+
 def test_dollars_are_dollars_but_for_powers_on_logarithmic_axes(tmp_path: Path) -> None:
     """A broken formula in every place for text, and a scale of powers of ten."""
     broken, figure = r"$\frac{x$ $", files.new_figure(3.0)

@@ -6,12 +6,17 @@ import numpy as np
 import pandas as pd
 import pytest
 from contents import content_of, table_of
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from stage_files import WriteStages
 
 from affmap.report.drawing import failures, losses
+from affmap.report.figures import results as main_results
+from affmap.report.figures import steps as figure_of_steps
+from affmap.results import files
 from affmap.results.files import EVERYWHERE
-from affmap.results.setting import ReportSettings
+from affmap.results.setting import ReportSettings, Setting
 from affmap.results.tables import Results
 
 
@@ -19,6 +24,24 @@ from affmap.results.tables import Results
 def results(write_stages: WriteStages, tmp_path_factory: pytest.TempPathFactory) -> Results:
     """Of Experiment IV, with fog."""
     return Results(tuple(write_stages(tmp_path_factory.mktemp("steps"), (0, 8), members=5, experiment="exp4")))
+
+
+@pytest.fixture(scope="module")
+def transitions(write_stages: WriteStages, tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """Of two transition models, the second of which has losses that are 100 nats larger."""
+    settings: list[Setting] = []
+    for number, kind in enumerate(("mlp", "gru")):
+        root = tmp_path_factory.mktemp(kind)
+        for setting in write_stages(root, (0, 8), ("cem",), members=5):
+            table = files.read_steps(setting.predict[0])
+            table[["median", "mean"]] += 100.0 * number
+            files.write_steps(setting.predict[0], table)
+            settings.append(Setting({**setting.values, "model.transition": kind}, setting.folders))
+    return Results(tuple(settings))
+
+
+def panels_of(figure: Figure, xlabel: str) -> list[Axes]:
+    return [ax for ax in figure.axes if ax.get_xlabel() == xlabel]
 
 
 def test_points_are_medians_over_members_between_their_quartiles() -> None:
@@ -39,6 +62,53 @@ def test_what_kinds_add_makes_the_mean_loss() -> None:
     ax = losses.contributions(Figure().subplots(), steps, ["free", "entering"])
     drawn = {str(line.get_label()): line.get_ydata().tolist() for line in ax.get_lines()}
     assert drawn == {"free": [-6.0, -6.0], "entering": [10.0, 20.0], "all": [4.0, 14.0]}
+
+
+def test_models_that_differ_in_another_key_have_points_and_panels_of_their_own(transitions: Results) -> None:
+    """By hand: at every size the second kind lies 100 nats above the first, in its own colour and to its right."""
+    figure = figure_of_steps.draw(transitions, ReportSettings.load("report", "default")).figure
+    for ax in panels_of(figure, "context size"):
+        assert len(ax.get_lines()) == 4
+        (x, mlp, first), (other_x, gru, second) = (
+            (line.get_xdata(), line.get_ydata(), to_hex(line.get_color()))
+            for line in (ax.get_lines()[0], ax.get_lines()[2])
+        )
+        assert np.subtract(gru, mlp).tolist() == pytest.approx([100.0, 100.0])
+        assert (other_x > x).all() and first != second
+    titles = [ax.get_title("left") for ax in panels_of(figure, "epoch")]
+    assert titles == ["MLP, C = 0", "MLP, C = 8", "GRU, C = 0", "GRU, C = 8"]
+    heights = [ax.get_lines()[-1].get_ydata()[-1] for ax in panels_of(figure, "epoch")]
+    assert np.subtract(heights[2:], heights[:2]).tolist() == pytest.approx([100.0, 100.0])
+    assert {text.get_text() for text in figure.legends[0].get_texts()} >= {"MLP", "GRU", "mean step"}
+
+
+def test_experiments_have_a_row_for_each_training(write_stages: WriteStages, tmp_path: Path) -> None:
+    """Experiment III trains for easy and for hard, Experiment II once for three worlds."""
+    settings = ReportSettings.load("report", "default")
+    for experiment, count in (("exp2", 1), ("exp3", 2)):
+        found = Results(tuple(write_stages(tmp_path, (0, 8), members=2, epochs=2, experiment=experiment)))
+        figure = figure_of_steps.draw(found, settings).figure
+        assert len(panels_of(figure, "epoch")) == 2 * count
+        assert len(panels_of(figure, "context size")[0].get_lines()) == 2 * count
+
+
+def test_the_main_figure_has_a_map_of_each_kind_of_model(transitions: Results) -> None:
+    drawn = main_results.draw(transitions, ReportSettings.load("report", "default"))
+    titles = [ax.get_title("left") for ax in drawn.figure.axes if ax.get_images()]
+    assert titles == ["B  Affordance maps (C = 8, member 0)\nMLP", "GRU"]
+    assert "(B) Affordance maps" in drawn.caption
+
+
+def test_epochs_are_whole_numbers() -> None:
+    """Three epochs and no other place have a tick, in both kinds of panels over epochs."""
+    rows = [(0, epoch, "free", 3, -8.0, 8, -1.0) for epoch in (1, 2, 3)]
+    columns = ["member", "epoch", "kind", "steps", "mean", "context_size", "validation_nll"]
+    table = pd.DataFrame(rows, columns=columns)
+    for ax in (
+        losses.contributions(Figure().subplots(), table, ["free"]),
+        losses.learning_curves(Figure().subplots(), table),
+    ):
+        assert {1.0, 2.0, 3.0} <= set(ax.get_xticks()) and not np.mod(ax.get_xticks(), 1).any()
 
 
 def test_distances_to_fog_are_a_point_for_each_run_at_its_place_on_the_axis() -> None:

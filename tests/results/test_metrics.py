@@ -1,6 +1,8 @@
 """The register of metrics; that one shows in reports is tested in `tests/cli/test_extensions.py`."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,14 +51,23 @@ def test_another_number_of_values_is_told(shape: tuple[int, ...]) -> None:
         summarise(PATHS, ["effort"])
 
 
-@pytest.mark.parametrize("column", ["reached", "goal_x", "crossable", "Effort", "a b", "2nd", ""])
-def test_a_name_that_is_taken_or_no_column_is_refused(column: str) -> None:
+@pytest.mark.parametrize("column", ["reached", "goal_x", "crossable", "Effort", "a b", "2nd", "", effort])
+def test_a_name_that_is_taken_or_no_column_is_refused(column: Any) -> None:
     with pytest.raises(ValueError, match=r"needs a name of its own.*; there are: crossable, final_spread"):
         register_metric(column, Metric("effort", "throttles", "open throttles", effort))
 
 
+@pytest.mark.parametrize("wrong", [effort, "effort", None])
+def test_something_else_than_a_metric_is_refused(wrong: Any) -> None:
+    with pytest.raises(
+        ValueError, match=r"^the metric 'effort' is .*; give affmap\.Metric\(name, unit, label, function\)"
+    ):
+        register_metric("effort", wrong)
+    assert extra_metrics() == []
+
+
 def test_a_metric_that_cannot_be_computed_later_is_refused() -> None:
     metric = Metric("effort", "throttles", "open throttles", effort)
-    for wrong in (metric._replace(of_runs=None), metric._replace(stored=True)):
+    for wrong in (replace(metric, of_runs=None), replace(metric, stored=True)):
         with pytest.raises(ValueError, match="'effort' needs a function of trajectories"):
             register_metric("effort", wrong)

@@ -108,12 +108,35 @@ def test_a_file_gives_the_values_written_in_it() -> None:
         ({"gears": 8}, "gears = 8 is too many for mass = 1.5; give at most 7.5."),
     ],
 )
-def test_an_error_is_a_sentence_with_file_key_value_and_remedy(changes: dict[str, object], sentence: str) -> None:
+def test_an_error_is_a_sentence_with_call_key_value_and_remedy(changes: dict[str, object], sentence: str) -> None:
     """Golden sentences."""
     message = complaint(**changes)
-    assert message.startswith(f"conf/cart/good.yaml: {sentence}")
+    assert message.startswith(f"Cart.load: {sentence}")
     assert "\n" not in message and "pydantic" not in message
     assert not re.search(r": it (?!should |must )|Input|class|instance", message)
+
+
+def test_a_value_of_the_file_and_one_of_the_call_are_told_apart(conf: Path) -> None:
+    """Golden sentences; without changes, whatever is wrong is the file's."""
+    (conf / "cart" / "heavy.yaml").write_text(GOOD.replace("mass: 1.5", "mass: -2"))
+    with pytest.raises(ConfigError) as caught:
+        Cart.load("cart", "heavy", gears=0.5)
+    assert [line.partition(" is ")[0] for line in str(caught.value).splitlines()] == [
+        "conf/cart/heavy.yaml: mass = -2",
+        "Cart.load: gears = 0.5",
+    ]
+    (conf / "cart" / "quick.yaml").write_text(GOOD.replace("gears: 3", "gears: 8"))
+    with pytest.raises(ConfigError, match=r"^conf/cart/quick\.yaml: gears = 8 is too many for mass"):
+        Cart.load("cart", "quick")
+
+
+@pytest.mark.parametrize("name", ["good.yaml", "cart/good", "./conf/cart/good.yaml", "~/good"])
+def test_a_path_is_no_name_of_a_file(conf: Path, name: str) -> None:
+    told = (
+        rf"^'{re.escape(name)}' cannot be the name of a file in conf/cart, .*; did you mean good\? There are: good\.$"
+    )
+    with pytest.raises(ConfigError, match=told):
+        Cart.load("cart", name)
 
 
 def test_each_wrong_value_has_a_sentence_of_its_own() -> None:
@@ -337,13 +360,13 @@ def test_every_file_with_a_class_gives_the_defaults_of_its_calls(monkeypatch: py
 
 
 def test_a_signature_has_keys_types_and_defaults() -> None:
-    """Golden text: types without their limits, values of the file and neutral ones."""
+    """Golden text: types without modules and limits, values of the file and neutral ones."""
     assert str(inspect.signature(Wheel)) == "(*, radius: float)"
     assert str(inspect.signature(Car)) == (
         "(*, mass: float = 1.5, gears: int = 3, color: Literal['red', 'blue'] = 'red', "
-        f"wheels: tuple[{__name__}.Wheel, ...] = [{{'radius': 0.1}}, {{'radius': 0.2}}], "
+        "wheels: tuple[Wheel, ...] = [{'radius': 0.1}, {'radius': 0.2}], "
         "doors: tuple[str, ...] = ['left'], owner: str = 'ada', "
-        f"garage: {Path.__module__}.Path = PosixPath('garage'), prices: dict[str, int] = {{}}, "
+        "garage: Path = PosixPath('garage'), prices: dict[str, int] = {}, "
         "engine: Literal['petrol', 'electric'] = 'petrol')"
     )
 

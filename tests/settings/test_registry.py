@@ -3,7 +3,7 @@
 import importlib
 import sys
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 from pydantic import ValidationError
@@ -81,8 +81,17 @@ def test_kinds_are_reported_apart() -> None:
         registry.register(Nameless)
     with pytest.raises(ValueError, match="Anything has no field kind; give it one, such as kind: Literal"):
         registry.register(Anything)
-    with pytest.raises(ValueError, match="Plain is no Settings class"):
-        registry.register(Plain)  # type: ignore[type-var]
+    wrong: Any
+    for wrong, name in (
+        (Plain, "Plain"),
+        (Cat(kind="cat", lives=9), r"Cat\(.*\)"),
+        ("mine", "'mine'"),
+        (print, "print"),
+    ):
+        with pytest.raises(
+            ValueError, match=rf"^{name} is no Settings class; derive .* by the decorator @affmap\.register_kind\.$"
+        ):
+            registry.register(wrong)
 
 
 def test_a_kind_without_a_method_that_it_needs_is_refused() -> None:

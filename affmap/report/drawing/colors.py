@@ -16,6 +16,10 @@ from affmap.results.tables import Results
 GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol; distinguishable in this order
 
 
+NUMBERS: Mapping[Value, str] = MappingProxyType({})
+"""Names of values on an axis that are numbers, and need none."""
+
+
 class Groups(NamedTuple):
     """Values of the grouping variable, with names and colours, and the factor on the x axis."""
 
@@ -26,7 +30,7 @@ class Groups(NamedTuple):
     palette: dict[str, str]
     """Name -> colour."""
     x: Factor = CONTEXT_SIZE
-    x_names: Mapping[Value, str] = MappingProxyType({})
+    x_names: Mapping[Value, str] = NUMBERS
     """Value on the x axis -> its name for readers; empty for numbers."""
 
     def of(self, table: pd.DataFrame) -> "pd.Series[str]":
@@ -42,8 +46,9 @@ def make_groups(results: Results, settings: ReportSettings) -> Groups:
     """Groups of a report's runs, by the values of its second factor."""
     factor, values = results.color, results.color_values
     names = {value: name_of(factor, value, settings) for value in values}
-    x_names = x_names_of(results, settings) if isinstance(results.x_values[0], str) else {}
-    return Groups(factor.column, names, group_colors(names), results.x, x_names)
+    x, x_values = results.x, results.x_values
+    x_names = {value: name_of(x, value, settings) for value in x_values} if isinstance(x_values[0], str) else {}
+    return Groups(factor.column, names, group_colors(names), x, x_names)
 
 
 def group_colors(names: Mapping[Value, str]) -> dict[str, str]:
@@ -53,11 +58,6 @@ def group_colors(names: Mapping[Value, str]) -> dict[str, str]:
     palette = GROUP_COLORS if len(others) <= len(GROUP_COLORS) else sns.husl_palette(len(others)).as_hex()
     colors = own | dict(zip(others, palette, strict=False))
     return {name: colors[value] for value, name in names.items()}
-
-
-def x_names_of(results: Results, settings: ReportSettings) -> dict[Value, str]:
-    """Value on the x axis -> its name for readers."""
-    return {value: name_of(results.x, value, settings) for value in results.x_values}
 
 
 def name_of(factor: Factor, value: Value, settings: ReportSettings) -> str:

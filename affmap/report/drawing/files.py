@@ -95,6 +95,9 @@ def _lay_out(figure: Figure) -> None:
     figure.set_dpi(DPI)  # texts are measured in pixels
     figure.draw_without_rendering()
     figure.set_dpi(resolution)
+    if engine := figure.get_layout_engine():
+        for legend in figure.legends:  # their margin is within the layout, below a notice, but they are not
+            legend.set_bbox_to_anchor(engine.get().get("rect"), figure.transFigure)
     figure.set_layout_engine("none")
     for part in figure.subfigs:
         part.bbox_relative.set_points(part.bbox_relative.get_points().round(9))

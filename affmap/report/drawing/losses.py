@@ -1,15 +1,18 @@
 """Drawing functions for losses: they take tables and Axes and return the Axes."""
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import seaborn as sns
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from affmap.report.drawing.colors import x_colors
+from affmap.report.drawing.colors import NUMBERS, Groups, x_colors
 from affmap.report.drawing.numbers import HUGE, LINEAR, Span, legend_above, mark, name_places
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
@@ -18,11 +21,17 @@ from affmap.results.setting import CONTEXT_SIZE, Factor, Value
 KIND_COLORS = {
     "free": "#332288",
     "touching": "#8c8c8c",
-    "entering": "#CC6677",
+    "entering": "#CC3311",
     "inside": "#88CCEE",
     "leaving": "#DDCC77",
 }
-"""Kind of step -> colour (Tol)."""
+"""Kind of step -> colour (Tol), safe for colour-blind readers."""
+
+STEP_MARKERS = {"median": "o", "mean": "D"}
+"""Statistic of the losses of a kind of step -> sign."""
+
+BLACK = "0.15"
+"""Points of losses that are not grouped."""
 
 NOTE = 0.13
 """Room for a line of words above the curves, as a share of their height."""
@@ -33,7 +42,7 @@ def learning_curves(
     validation: pd.DataFrame,
     paper: Span = None,
     factor: Factor = CONTEXT_SIZE,
-    names: Mapping[Value, str] = MappingProxyType({}),
+    names: Mapping[Value, str] = NUMBERS,
     colors: Mapping[Value, str] | None = None,
 ) -> Axes:
     """Draw the validation NLL over epochs, one curve per value: mean and standard deviation (shade) over members.
@@ -47,8 +56,7 @@ def learning_curves(
         colors: of the values; by default those of an axis.
     """
     mark(ax, paper)
-    values = [value for value in names if value in set(validation[factor.column])]
-    values = values or sorted(validation[factor.column].unique())
+    values = in_order(validation[factor.column], names)
     num_epochs = validation["epoch"].nunique()
     sns.lineplot(
         validation,
@@ -64,14 +72,19 @@ def learning_curves(
         legend="full",
         ax=ax,
     )
-    ax.set(xlabel="epoch", ylabel=METRICS["validation_nll"].label)
-    ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
+    _epochs(ax).set_ylabel(METRICS["validation_nll"].label)
     texts = {str(value): name for value, name in names.items()}
     for line in ax.get_lines():
         line.set_label(texts.get(str(line.get_label()), line.get_label()))
     if factor == CONTEXT_SIZE:
         _focus(ax, validation, paper)
-    return legend_above(ax, 8 if len(values) <= 5 else 4)
+    return legend_above(ax)
+
+
+def in_order(column: "pd.Series[Any]", names: Mapping[Value, str]) -> list[Value]:
+    """The distinct values in a column, in the order of their names; without names, numbers ascend."""
+    values = set(column)
+    return [value for value in names if value in values] or sorted(values)
 
 
 def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
@@ -105,7 +118,14 @@ def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:
     )
 
 
-def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTEXT_SIZE) -> Axes:
+def step_losses(
+    ax: Axes,
+    steps: pd.DataFrame,
+    kind: str,
+    factor: Factor = CONTEXT_SIZE,
+    names: Mapping[Value, str] = NUMBERS,
+    groups: Groups | None = None,
+) -> Axes:
     """Draw losses of one kind of step: medians and means over steps, by the factor that distinguishes trainings.
 
     Points are medians over members, lines their quartiles. The axis is logarithmic for very large losses.
@@ -115,16 +135,25 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
         steps: one row per training and member, with `kind`, `median` and `mean` (nats).
         kind: one of the kinds of step.
         factor: on the x axis.
+        names: of the values on the x axis, for readers, in their order; empty for numbers.
+        groups: trainings side by side in colours of their own; None where there is one training per value.
     """
     of_kind = steps[steps["kind"] == kind]
-    values = list(dict.fromkeys(steps[factor.column]))
-    for column, marker, face in (("median", "o", "0.15"), ("mean", "D", "white")):
-        summary = of_kind.groupby(factor.column)[column].describe().reindex(values)
+    values = in_order(steps[factor.column], names)
+    if groups is None:
+        parts = [(of_kind, BLACK)]
+    else:
+        of_group = groups.of(of_kind)
+        parts = [(of_kind[of_group == name], groups.palette[name]) for name in groups.names.values()]
+    width = min(0.24, 0.8 / (2 * len(parts)))
+    points = [(rows, color, column) for rows, color in parts for column in STEP_MARKERS]
+    for place, (rows, color, column) in enumerate(points):
+        summary = rows.groupby(factor.column)[column].describe().reindex(values)
         low, middle, high = (summary[quartile].to_numpy() for quartile in ("25%", "50%", "75%"))
-        place = np.arange(len(values)) + (0.12 if column == "mean" else -0.12)
-        ax.vlines(place, low, high, color="0.15", lw=0.9)
-        ax.plot(place, middle, ls="", ms=4, color="0.15", label=f"{column} step", marker=marker, mfc=face)
-    name_places(ax, values)
+        x = np.arange(len(values)) + width * (place - (len(points) - 1) / 2)
+        ax.vlines(x, low, high, color=color, lw=0.9)
+        ax.plot(x, middle, ls="", color=color, **_marker(column, color))
+    name_places(ax, values, names)
     ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
     if of_kind["mean"].max() > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)
@@ -132,6 +161,17 @@ def step_losses(ax: Axes, steps: pd.DataFrame, kind: str, factor: Factor = CONTE
         if of_kind[["median", "mean"]].to_numpy(float).min() >= 0:
             ax.set_ylim(bottom=0)
     return ax
+
+
+def step_handles(groups: Groups | None) -> list[Artist]:
+    """Legend entries of `step_losses`: the signs of median and mean, then the groups."""
+    signs = [Line2D([], [], ls="", color=BLACK, label=f"{column} step", **_marker(column)) for column in STEP_MARKERS]
+    return [*signs, *(Patch(fc=color, label=name) for name, color in (groups.palette if groups else {}).items())]
+
+
+def _marker(column: str, color: str = BLACK) -> dict[str, Any]:
+    """Look of a point: medians are filled."""
+    return {"marker": STEP_MARKERS[column], "ms": 4, "mfc": color if column == "median" else "white"}
 
 
 def contributions(ax: Axes, steps: pd.DataFrame, kinds: Sequence[str]) -> Axes:
@@ -149,5 +189,11 @@ def contributions(ax: Axes, steps: pd.DataFrame, kinds: Sequence[str]) -> Axes:
     for kind in kinds:
         ax.plot(medians.index, medians[kind], marker=".", ms=4, lw=1.2, color=KIND_COLORS[kind], label=kind)
     ax.plot(medians.index, share.sum(axis=1).groupby("epoch").median(), lw=1.2, ls=":", color="0.1", label="all")
-    ax.set(xlabel="epoch")
+    return _epochs(ax)
+
+
+def _epochs(ax: Axes) -> Axes:
+    """Label the x axis, with ticks at whole epochs only."""
+    ax.set_xlabel("epoch")
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, steps=[1, 2, 5, 10]))
     return ax

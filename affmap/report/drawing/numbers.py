@@ -4,7 +4,7 @@ They know colours and labels, and neither files nor figures.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,31 +12,36 @@ import pandas as pd
 import seaborn as sns
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
-from affmap.report.drawing.colors import Groups
+from affmap.report.drawing.colors import NUMBERS, Groups
 from affmap.results import statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.scores import center
-from affmap.results.setting import LAYOUT, PLANNER
+from affmap.results.setting import LAYOUT, PLANNER, Value
 
 HUGE, LINEAR = 300, 20
 """Boxes of errors beyond the first value (nats) get an axis that is linear up to the second and then logarithmic."""
 
 
-LINE_STYLES = ((0, (5, 1.5)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (7, 3)))
-"""Line styles of agents without a learned model, in their order."""
+DASHES = ((5, 1.5), (1, 1), (3, 1, 1, 1), (7, 3))
+"""Dashes of the lines of agents without a learned model, in their order; those of others are solid."""
 
 
 FAR = 0.15
 """Lines this far above a panel, as a share of its height, are not drawn."""
 
 
-LEGEND_WIDTH, TITLE_HEIGHT = 48, 0.2
-"""Characters in a line of a legend above a panel, and height of the panel's title in inches."""
+CHARACTERS = 22
+"""Characters of a legend in an inch of a panel, before the layout widens it."""
+
+SIGN, TITLE, GAP, TITLE_HEIGHT = 4, 1.17, 2, 0.2
+"""Widths of the sign of an entry, of a character of a title, and of the gap between both, in characters of a legend;
+height of a title, inches."""
 
 
 Span = tuple[float, float] | None
@@ -113,6 +118,8 @@ def bars(
         ax=ax,
     )
     ax.set(xlabel=groups.x.label, ylabel=METRICS[metric].label)
+    drawn = [bar for bars in ax.containers if isinstance(bars, BarContainer) for bar in bars]
+    mark_zeros(ax, [bar.get_center()[0] for bar in drawn if bar.get_height() == 0])
     ax.set_ylim(0.0, 1.05)
     ax.set_yticks(np.linspace(0, 1, 6))
     return legend_above(ax)
@@ -134,7 +141,8 @@ def baselines(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups) -> list
     """
     handles: dict[str, Artist] = {}
     by_layout = groups.column == LAYOUT.column
-    styles = dict(zip(runs[PLANNER.column].unique(), LINE_STYLES, strict=False))
+    layouts = list(runs[LAYOUT.column].unique())
+    dashes = dict(zip(runs[PLANNER.column].unique(), DASHES, strict=False))
     bottom, top = ax.get_ylim()
     height, lowest, highest = top - bottom, bottom, top
     beyond: dict[str, list[float]] = {}
@@ -147,16 +155,23 @@ def baselines(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups) -> list
             beyond.setdefault(agent, []).append(middle)
             continue
         color = groups.palette[groups.names[layout]] if by_layout and layout in groups.names else "0.25"
-        ax.axhline(middle, color=color, lw=1.1, ls=styles.get(agent, "-"), zorder=3)
+        shift = layouts.index(layout) / len(layouts) if by_layout else 0.0  # colours of lines at one height alternate
+        ax.axhline(middle, color=color, lw=1.1, ls=_line_style(dashes.get(agent, ()), shift), zorder=3)
         lowest = lowest if bottom == 0 else min(lowest, middle - 0.04 * height)
         highest = max(highest, middle + 0.04 * height)
-        handles.setdefault(agent, Line2D([], [], color="0.25", lw=1.1, ls=styles.get(agent, "-"), label=agent))
+        style = _line_style(dashes.get(agent, ()))
+        handles.setdefault(agent, Line2D([], [], color="0.25", lw=1.1, ls=style, label=agent))
     ax.set_ylim(lowest, highest)
     if beyond:
         words = ", ".join(f"{agent} {number(max(values), 1)}" for agent, values in beyond.items())
-        style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "transform": ax.transAxes}
-        ax.text(0.98, 0.99, f"beyond this axis: {words}", bbox={"fc": "white", "ec": "none", "pad": 1.0}, **style)
+        look: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "transform": ax.transAxes}
+        ax.text(0.98, 0.99, f"beyond this axis: {words}", bbox={"fc": "white", "ec": "none", "pad": 1.0}, **look)
     return list(handles.values())
+
+
+def _line_style(dashes: Sequence[float], shift: float = 0.0) -> Any:
+    """Line style that begins `shift` periods into its dashes; solid without dashes."""
+    return (shift * sum(dashes), dashes) if dashes else "-"
 
 
 def baseline_lines(figure: Figure, panels: Mapping[str, Axes], runs: pd.DataFrame, groups: Groups) -> None:
@@ -165,15 +180,43 @@ def baseline_lines(figure: Figure, panels: Mapping[str, Axes], runs: pd.DataFram
     for metric, ax in panels.items():
         for handle in baselines(ax, runs, metric, groups):
             entries.setdefault(str(handle.get_label()), handle)
-    if entries:
-        heading = Line2D([], [], ls="", label="agents without a learned model:")
-        handles = [heading, *entries.values()]
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    legend_below(figure, {"agents without a learned model:": list(entries.values())})
 
 
-def name_places(ax: Axes, values: Sequence[Any]) -> None:
-    """Name the places 0, 1, ... on the x axis, so that many names stay apart in a narrow panel."""
-    ax.set_xticks(range(len(values)), [str(value) for value in values], fontsize=6 if len(values) > 5 else None)
+def legend_below(figure: Figure, lines: Mapping[str, Sequence[Artist]]) -> None:
+    """Put a legend below a figure, a line for each heading with its entries; those without entries are left out."""
+    lines = {heading: entries for heading, entries in lines.items() if entries}
+    if not lines:
+        return
+    columns = 1 + max(map(len, lines.values()))
+    cells = [[_words(heading), *entries] for heading, entries in lines.items()]
+    cells = [[*line, *(_words("") for _ in range(columns - len(line)))] for line in cells]
+    handles = [line[column] for column in range(columns) for line in cells]  # a legend is filled by columns
+    look = {"frameon": False, "columnspacing": 1.0}
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, **look)
+
+
+def _words(words: str) -> Artist:
+    """Entry of a legend without a sign."""
+    return Line2D([], [], ls="", label=words)
+
+
+def name_places(ax: Axes, values: Sequence[Value], names: Mapping[Value, str] = NUMBERS) -> None:
+    """Name the places 0, 1, ... on the x axis, so that many names stay apart in a narrow panel.
+
+    Args:
+        ax: a panel.
+        values: on its x axis, in their order.
+        names: of the values, for readers; empty for numbers.
+    """
+    labels = [names.get(value, str(value)) for value in values]
+    ax.set_xticks(range(len(values)), labels, fontsize=6 if len(values) > 5 else None)
+
+
+def mark_zeros(ax: Axes, places: Iterable[float]) -> None:
+    """Write 0 at the places of bars without height, which tells them from those that were not measured."""
+    for place in places:
+        ax.annotate("0", (place, 0.0), (0, 1.5), textcoords="offset points", ha="center", va="bottom", fontsize=6)
 
 
 def unpredicted(ax: Axes, name: str) -> Axes:
@@ -194,15 +237,29 @@ def mark(ax: Axes, paper: Span) -> None:
         ax.axhline(tick, color="0.6", lw=0.8, ls=":", zorder=0)
 
 
-def legend_above(ax: Axes, columns: int = 8) -> Axes:
-    """Put the legend to the right of the title, where no data can be; one of several lines stands above the title."""
+def titled(ax: Axes, title: str) -> Axes:
+    """Write a title at the left of a panel; a legend for which it leaves no room beside it goes above it."""
+    ax.set_title(title, loc="left")
+    return legend_above(ax) if ax.get_legend() else ax
+
+
+def panel_title(letter: str, metric: str) -> str:
+    """Title of a panel of a metric, whatever average of it is drawn."""
+    return f"{letter}  {METRICS[metric].name.removeprefix('mean ').capitalize()}"
+
+
+def legend_above(ax: Axes) -> Axes:
+    """Put the legend above a panel, where no data can be: to the right of the title, or above it if it is too long."""
     names = ax.get_legend_handles_labels()[1]
-    columns = max(1, min(columns, LEGEND_WIDTH // (max(map(len, names), default=0) + 4)))
-    style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 0.9, "handletextpad": 0.4, "columnspacing": 0.7}
-    place, figure = ax.transAxes, ax.get_figure(root=True)
+    title, figure = ax.get_title("left"), ax.get_figure(root=True)
     assert figure is not None
-    if len(names) > columns and sum(map(len, names)) > LEGEND_WIDTH:
-        place = place + ScaledTranslation(0.0, TITLE_HEIGHT, figure.dpi_scale_trans)
+    room = round(ax.bbox.width / figure.dpi * CHARACTERS)
+    lengths = [len(name) + SIGN for name in names]
+    place, columns = ax.transAxes, max(1, len(names))
+    if sum(lengths) + (TITLE * len(title) + GAP if title else 0) > room:
+        columns = max(1, min(columns, room // max(lengths, default=1)))
+        place = place + ScaledTranslation(0.0, TITLE_HEIGHT * bool(title), figure.dpi_scale_trans)
+    style = {"frameon": False, "borderaxespad": 0.1, "handlelength": 0.9, "handletextpad": 0.4, "columnspacing": 0.7}
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), bbox_transform=place, ncols=columns, **style)
     return ax
 

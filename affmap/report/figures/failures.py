@@ -1,9 +1,12 @@
 """Reasons and places of failed runs: a row of panels for each planner or layout."""
 
+from collections.abc import Iterable
+
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 
 from affmap.env.geometry import CELL
-from affmap.report.drawing import arena
+from affmap.report.drawing import arena, numbers
 from affmap.report.drawing import failures as panels
 from affmap.report.drawing.colors import make_groups
 from affmap.report.drawing.files import Drawn, new_figure
@@ -20,34 +23,42 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         return None
     runs = failures.with_reasons(results)
     groups = make_groups(results, settings)
+    axis = groups.x, groups.x_names
     num_rows = min(MAX_ROWS, len(groups.names))
     fog = any(failures.has_fog(results, setting) for setting in results.settings)
     figure = new_figure(0.5 + 1.9 * num_rows)
     rows = figure.subplots(num_rows, 3 + fog, squeeze=False, width_ratios=(1.0, 1.15, 1.15, *[1.0] * fog))
     for (bars, middle, right, *rest), (value, name) in zip(rows, groups.names.items(), strict=False):
-        panels.reasons(bars, runs[runs[groups.column] == value], results.x)
+        panels.reasons(bars, runs[runs[groups.column] == value], *axis)
         same = {PLANNER.key: results.planners[0], LAYOUT.key: results.layouts[0], results.color.key: value}
         row = results.where({key: each for key, each in same.items() if key != results.x.key})
         row = sorted(row, key=lambda setting: results.x_values.index(setting.values[results.x.key]))
         layout = results.run_layouts(row[0])[0]
-        bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "Failed runs", loc="left")
+        bars.set_title(f"{name}: failed runs" if len(groups.names) > 1 else "failed runs", loc="left")
         if not results.has_own_layouts(row[0]):
             places = failures.places(results, row)
             arena.heat(middle, places.fog, layout).set_title(f"fog first entered ({len(places.fog)})", loc="left")
             arena.heat(right, places.ended, layout).set_title(f"never arrived: ends ({len(places.ended)})", loc="left")
         else:  # positions cannot be pooled if every run has its own world
             things = failures.with_nearest(results, row)
-            panels.nearest(middle, things, results.x).set_title("never arrived", loc="left")
+            panels.nearest(middle, things, *axis).set_title("never arrived", loc="left")
             steps = failures.step_errors(results, row)
-            panels.step_errors(right, steps, results.x).set_title("errors outside fog", loc="left")
+            panels.step_errors(right, steps, *axis).set_title("errors outside fog", loc="left")
         for ax in rest:
-            panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, results.x)
+            panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, *axis)
             ax.set_title("distance to fog", loc="left")
-    entries: dict[str, Artist] = {}
-    for ax in rows[:, :2].ravel():
-        entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4, frameon=False)
+    numbers.legend_below(
+        figure, {"failed runs:": _entries(rows[:, 0]), "never arrived, nearest to:": _entries(rows[:, 1])}
+    )
     return Drawn(figure, _caption(results, settings))
+
+
+def _entries(panels: Iterable[Axes]) -> list[Artist]:
+    """Legend entries of some panels, each name once."""
+    entries: dict[str, Artist] = {}
+    for ax in panels:
+        entries |= {name: handle for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
+    return list(entries.values())
 
 
 def _caption(results: Results, settings: ReportSettings) -> str:

@@ -14,10 +14,10 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     more = _metrics(settings)
     figure = new_figure(2.6 * -(-(2 + len(more)) // 3))
     share, touching, *others = figure.subplots(-(-(2 + len(more)) // 3), min(3, 2 + len(more)), squeeze=False).ravel()
-    numbers.bars(share, results.runs, "reached", groups, intervals=True).set_title("A", loc="left")
-    numbers.boxes(touching, results.runs, "steps_touching", groups).set_title("B", loc="left")
+    numbers.titled(numbers.bars(share, results.runs, "reached", groups, intervals=True), "A  Arrivals")
+    numbers.titled(numbers.boxes(touching, results.runs, "steps_touching", groups), "B  Contact")
     for letter, ax, metric in zip("CDEFGHIJKLMNOPQRSTUVWXYZ", others, more, strict=False):
-        numbers.boxes(ax, results.runs, metric, groups).set_title(letter, loc="left")
+        numbers.titled(numbers.boxes(ax, results.runs, metric, groups), numbers.panel_title(letter, metric))
     for ax in others[len(more) :]:
         ax.set_axis_off()
     panels = {"reached": share, "steps_touching": touching, **dict(zip(more, others, strict=False))}

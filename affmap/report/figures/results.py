@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 
 from affmap.report.drawing import arena, losses, numbers
-from affmap.report.drawing.colors import make_groups, name_of, readable, x_names_of
+from affmap.report.drawing.colors import make_groups, name_of, readable
 from affmap.report.drawing.files import Drawn, new_figure
-from affmap.report.painted import Painted, map_size, maps_of_size, paint, several_worlds
+from affmap.report.painted import Painted, map_size, maps_of_size, of_part, paint, several_worlds
 from affmap.results.numbers import counted, listed, span
 from affmap.results.setting import LAYOUT, PLANNERS, ReportSettings, short_name
 from affmap.results.tables import Results
@@ -18,6 +17,9 @@ BOXES = (
     "Boxes: median and quartiles; whiskers extend to the last point within 1.5 interquartile ranges; outliers are not "
     "drawn."
 )
+
+MAX_MAPS = 4
+"""Maps of one panel."""
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn:
@@ -37,30 +39,45 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
             )
     else:
         _curves(figure, grid[0, 0], results, settings)
-        _map(figure.add_subplot(grid[0, 1]), results)
+        _maps(figure, grid[0, 1], results, settings)
     groups = make_groups(results, settings)
     error, outcome = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
     numbers.boxes(error, results.runs, "prediction_error", groups, settings.axes.get("prediction_error"))
-    error.set_title("C", loc="left")
+    numbers.titled(error, numbers.panel_title("C", "prediction_error"))
     panel = numbers.boxes if settings.outcome == "mean_distance" else numbers.bars
     panel(outcome, results.runs, settings.outcome, groups, settings.axes.get(settings.outcome))
-    outcome.set_title("D", loc="left")
+    numbers.titled(outcome, numbers.panel_title("D", settings.outcome))
     both = {"prediction_error": error, settings.outcome: outcome}
     numbers.baseline_lines(figure, both, results.baseline_runs, groups)
     return Drawn(figure, _caption(results, settings, worlds))
 
 
-def _map(ax: Axes, results: Results) -> None:
-    """Draw the map of the last layout, the one that an experiment is about."""
+def _maps(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportSettings) -> None:
+    """Draw a map of each training, side by side."""
     size = map_size(results)
     if size is None:
+        ax = figure.add_subplot(cell)
         ax.set_title("B  Affordance map", loc="left")
         ax.text(0.5, 0.5, "no context size above 0 was run", ha="center", va="center", transform=ax.transAxes)
         ax.set_axis_off()
         return
-    part = maps_of_size(results, size)[-1]
-    arena.affordance_map(ax, paint([part], 0)[0], part.maps.x, part.maps.y, part.world.map)
-    ax.set_title(f"B  Affordance map (C = {size}, member {part.maps.member[0]})", loc="left")
+    parts = _shown_maps(results, size)
+    several = len(parts) > 1
+    names = [of_part(results, part, parts, settings).removeprefix(": ") for part in parts]
+    grid = cell.subgridspec(-(-len(parts) // 2), 1 + several).subplots(sharex=True, sharey=True, squeeze=False)
+    for ax, part, name in zip(grid.flat, parts, names, strict=False):
+        arena.affordance_map(ax, paint([part], 0)[0], part.maps.x, part.maps.y, part.world.map).label_outer()
+        ax.set_title(name, loc="left")
+    title = f"B  Affordance map{'s' if several else ''} (C = {size}, member {parts[0].maps.member[0]})"
+    grid[0, 0].set_title(f"{title}\n{names[0]}".strip(), loc="left")
+    for ax in grid.ravel()[len(parts) :]:
+        ax.set_axis_off()
+
+
+def _shown_maps(results: Results, size: int) -> list[Painted]:
+    """Maps of a context size in the last layout, the one that an experiment is about: one of each training."""
+    parts = maps_of_size(results, size)
+    return [part for part in parts if part.setting.layout == parts[-1].setting.layout][:MAX_MAPS]
 
 
 def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportSettings) -> None:
@@ -68,7 +85,7 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
     paper = settings.axes.get("validation_nll")
     column = results.color.column if results.color.column in results.trainings else LAYOUT.column
     factor = results.training_factor
-    names = x_names_of(results, settings) if factor == results.x and isinstance(results.x_values[0], str) else {}
+    names = make_groups(results, settings).x_names
     alone = column == results.color.column and results.validation[factor.column].nunique() == 1
     if column == factor.column or (alone and results.color != LAYOUT):  # one panel per curve would add nothing
         groups, factor = make_groups(results, settings), results.color if alone else factor
@@ -76,7 +93,7 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
         ax = losses.learning_curves(
             figure.add_subplot(cell), results.validation, paper, factor, groups.names if alone else names, colors
         )
-        ax.set_title(f"A  Loss by {factor.label}", loc="left")
+        numbers.titled(ax, f"A  Loss by {factor.label}")
         return
     trained = set(results.validation[column])
     known = [*results.layouts, *results.color_values]
@@ -98,7 +115,7 @@ def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: Repor
             ax.text(0.98, 0.98, name, ha="right", va="top", transform=ax.transAxes)
     for ax in grid.ravel()[len(values) :]:
         ax.set_axis_off()
-    grid[0, 0].set_title(f"A  Loss by {factor.label}", loc="left")
+    numbers.titled(grid[0, 0], f"A  Loss by {factor.label}")
 
 
 def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painted]) -> str:
@@ -119,10 +136,11 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
         )
         code = "(B) The largest context size is 0, so there is no map."
         if size:
-            part = maps_of_size(results, size)[-1]
-            world = readable(part.world.name, settings)
+            maps = _shown_maps(results, size)
+            world = readable(maps[0].world.name, settings)
+            kind = "Affordance map" if len(maps) == 1 else "Affordance maps, of which colours are not comparable,"
             code = (
-                f"(B) Affordance map of member {member} at C = {size} in the world “{world}”: the context code at each "
+                f"(B) {kind} of member {member} at C = {size} in the world “{world}”: the context code at each "
                 "position, three principal components as red, green and blue, circles outlined."
             )
         parts.append(code)
