@@ -78,7 +78,7 @@ def _keys(
             default = values.get(key, _chosen().get(name.replace(".", "/")))
             yield f"{level} `{name}` {{ #{anchor}{key} .key }}"
             yield f"{words}; default {_plain(default)}\n{{ .kind }}"
-            yield meaning
+            yield re.sub(r"\bNone\b", "`null`", meaning)  # as files and command lines write it
 
 
 def _choices(group: str, nested: bool = False) -> str:
