@@ -145,6 +145,9 @@ def fly(
         progress: whether a terminal shows the number of steps done.
         threads: of PyTorch, during the flight.
 
+    Returns:
+        The runs: a `table` with a row for each, their `trajectories`, and their `layouts`; see `affmap.control.Runs`.
+
     Raises:
         ConfigError: it is no agent, or was trained with other channels; there is no such file; a number is not allowed;
             or a start or a goal is outside of the arena or in an obstacle.
