@@ -104,4 +104,4 @@ def test_signatures_can_be_read(name: str) -> None:
     walls = r"affmap\.|collections\.|typing\.|numpy\.|pandas\.|pathlib\.|torch\._|Annotated|Union\[|Optional\["
     for each, function in called(name, getattr(affmap, name)):
         signature = str(inspect.signature(function))
-        assert not re.search(walls, signature), f"{each}{signature}"
+        assert not re.search(walls, signature), f"`from __future__ import annotations` for {each}{signature}"

@@ -32,7 +32,7 @@ from affmap.view import views
 
 
 class Runs(NamedTuple):
-    """Results of B runs."""
+    """Results of B runs: their `table` of metrics, their `trajectories` and their `layouts`."""
 
     table: pd.DataFrame
     """One row a run; columns as `summarise` explains."""
