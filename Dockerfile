@@ -14,7 +14,7 @@ ENV PIP_CONSTRAINT=/src/constraints.txt PIP_BUILD_CONSTRAINT=/src/constraints.tx
 # First and by itself: it changes rarely, and is most of the image.
 RUN python -m pip install torch
 
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE CITATION.cff ./
 COPY affmap affmap
 COPY conf conf
 COPY hydra_plugins hydra_plugins

@@ -1,5 +1,13 @@
 """Affordance maps and active inference in simulated agents.
 
+    >>> agent = affmap.load("exp1")  # trained, of the published run; affmap.train trains one
+    >>> runs = affmap.fly(agent, "original")
+    >>> runs.table[["member", "run", "reached", "mean_distance"]]
+    >>> affmap.plot.trajectories(runs)
+
+`affmap.evaluate` compares agents. `affmap.CEMPlanner`, `affmap.Vehicle` and others are settings: a call takes keys that
+are left out from the files of `conf`. The `register_` functions make planners, agents and others of your own known.
+
 Axes in docstrings: M members, B problems (agents, member-major), N candidates, H planning horizon, T recorded time,
 K channels of the view, C context code. Lengths are in units (u), the arena is 3 u x 2 u; likelihoods are in nats.
 

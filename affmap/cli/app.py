@@ -28,12 +28,12 @@ MULTIRUN = ("-m", "--multirun")
 VERSION = "--version"
 """Flag of all commands: print the versions of affmap and of the packages that it stands on."""
 
-OVERRIDES = "An override is key=value, as for affmap; `affmap --help` lists groups and keys."
+OVERRIDES = "An override is key=value, as for affmap; `affmap --help` lists groups, `affmap --cfg job` all keys."
 """The end of each command's help."""
 
 
 class SweepError(Exception):
-    """Some settings of a sweep are incomplete; the message names each."""
+    """Some settings of a sweep are incomplete; the message names the first."""
 
 
 def command(

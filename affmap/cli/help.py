@@ -47,6 +47,5 @@ def text() -> str:
 
 def _wrapped(head: str, files: Iterable[str]) -> str:
     """A paragraph of names."""
-    text = f"{head}{', '.join(files)}"
-    indents = {"initial_indent": "  ", "subsequent_indent": "    "}
-    return f"{textwrap.fill(text, 110, **indents, break_on_hyphens=False)}\n"
+    lines = textwrap.wrap(f"{head}{', '.join(files)}", 106, break_on_hyphens=False)
+    return textwrap.indent("\n  ".join(lines), "  ") + "\n"

@@ -10,12 +10,12 @@ from affmap.config.root import Config
 from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
-from affmap.pipeline.completed import completed
+from affmap.pipeline.completed import IncompleteError, complete_elsewhere, completed
 from affmap.pipeline.job import all_stages
 from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
-from affmap.settings.messages import ConfigError, printable
+from affmap.settings.messages import ConfigError, first_lines, printable
 from affmap.store.provenance import circumstances, extensions_of, has_path, without_paths
 
 ABOUT = """\
@@ -108,7 +108,12 @@ def _report(arguments: list[str]) -> None:
     jobs = read_jobs(arguments)
     output = jobs.config.output if isinstance(jobs, Search) else jobs.first.output
     with written_alone(output):
-        report = make_report(jobs)
+        try:
+            report = make_report(jobs)
+        except IncompleteError as error:
+            other = complete_elsewhere(jobs) if isinstance(jobs, Sweep) else None
+            hint = f" Another sweep is complete: `affmap-report {shlex.quote(str(other))}` reports it." if other else ""
+            raise IncompleteError(f"{error}{hint}") from None
         manifest.check_output(output, () if isinstance(jobs, Search) else all_stages(jobs))
         page = build.write(report)
     notice = f"{printable(report.notice)}\n" if report.notice else ""
@@ -160,7 +165,7 @@ def _check_sweep(sweep: Sweep) -> tuple[str, list[str]]:
         if stage.state.name != "complete"
     ]
     if of_stages:
-        of_stages.append("affmap with the same arguments makes missing stages.")
+        of_stages = [*first_lines(of_stages, len(of_stages)), "affmap with the same arguments makes missing stages."]
     if manifest.holds_others(output, all_stages(sweep)):
         raise ConfigError(f"{output} holds the report of other results; say output= with the folder of this one.")
     of_report = manifest.problems(output)

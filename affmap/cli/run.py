@@ -39,6 +39,7 @@ from affmap.pipeline.progress import follow
 from affmap.pipeline.stage import CONTROL, TRAIN
 from affmap.results.manifest import check_output
 from affmap.settings import ConfigError, folder
+from affmap.settings.messages import first_lines
 from affmap.store.files import check_locks, locked
 from affmap.store.stage import StoreError
 from hydra_plugins.hyperopt_sweeper import TrialError
@@ -149,7 +150,8 @@ def _run_sweep(jobs: Sweep) -> None:
             problem = _launch(arguments)
     failed = status.failures(status.jobs(jobs, check=True), first.output)
     if problem or failed:
-        lines = [f"{first.name}: {len(failed)} of {count} settings are not complete:", *failed, *problem]
+        head = f"{first.name}: {len(failed)} of {count} settings are not complete:"
+        lines = [head, *first_lines(failed, len(failed)), *problem]
         more = f"All logs are in {first.output / 'jobs'}; run the same command again to resume."
         raise SweepError("\n".join([*lines, more]))
     _run_companions(jobs)

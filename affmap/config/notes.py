@@ -12,7 +12,7 @@ from affmap.config.compose import compose, values
 from affmap.config.interpolations import refers_to_keys_only
 from affmap.config.overrides import keys, parse, without_sweeps
 from affmap.settings import ConfigError, names
-from affmap.settings.messages import format_value, nearest
+from affmap.settings.messages import few, format_value, nearest
 from affmap.store.files import read_json, write_json
 from affmap.store.provenance import has_valid_checksum, with_checksum
 
@@ -21,9 +21,6 @@ NOTE = "jobs/sweep.json"
 
 LARGEST_NOTE = 30_000
 """Most bytes of such a file; one of a thousand values has 5,000."""
-
-MOST_FOLDERS = 5
-"""Most folders of sweeps that a message lists; further ones are only counted."""
 
 SEARCH_KEYS = ("hydra/sweeper", "hydra.sweep.dir")
 """Keys of Hydra's that describe a search, besides those of its sweeper."""
@@ -112,9 +109,7 @@ def _other_folders(output: Path) -> str:
     if not folders:
         begin = f"did you mean {question}" if question else "`affmap experiment=exp1` begins one"
         return f"; there is no sweep in {place}, {begin}{'?' if question else '.'}"
-    listed = [*folders.values()][:MOST_FOLDERS]
-    more = f" and {len(folders) - len(listed)} more" if len(folders) > len(listed) else ""
-    return f"{f'; did you mean {question}?' if question else '.'} Folders of sweeps: {', '.join(listed)}{more}."
+    return f"{f'; did you mean {question}?' if question else '.'} Folders of sweeps: {few([*folders.values()])}."
 
 
 def _is_hydra(override: Override) -> bool:

@@ -41,7 +41,9 @@ if TYPE_CHECKING:  # needs numba
 
 
 class Agent(PlanningAgent):
-    """B agents side by side.
+    """The paper's agent: at every step, it plans in the imagination of its models. B of them fly side by side.
+
+    `affmap.load` and `affmap.train` return one; `affmap.fly`, `affmap.evaluate` and `affmap.Pilot` fly it.
 
     Attributes:
         stack: M members.

@@ -34,7 +34,7 @@ from affmap.view import views
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Runs:
-    """Results of B runs."""
+    """Results of B runs: their `table` of metrics, their `trajectories`, their `layouts` and the `vehicle`."""
 
     trajectories: dict[str, np.ndarray]
     """`position [B, T + 1, 2]` (true), `goal [B, 2]`, `action [B, T, 4]`, `planned_position` and `planned_std`
@@ -151,6 +151,9 @@ def fly(
         vehicle: the physics; by default that which the agent was trained in, else that of `conf/vehicle/default.yaml`.
         progress: whether a terminal shows the number of steps done.
         threads: of PyTorch, during the flight.
+
+    Returns:
+        The runs: a `table` with a row for each, their `trajectories`, and their `layouts`; see `affmap.control.Runs`.
 
     Raises:
         ConfigError: it is no agent, or was trained with other channels; there is no such file; a number is not allowed;

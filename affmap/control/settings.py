@@ -20,7 +20,7 @@ class ControlSettings(Settings, defaults="control/default"):
     num_steps: Count = preset()
     """T, steps of a run."""
     runs_per_member: Count = preset()
-    """Run r of a member starts in corner r modulo 4."""
+    """R, runs of each member; run r starts in corner r modulo 4."""
     beta: Annotated[NonNegative, Field(le=1e6)] = preset()
     """Weight of the uncertainty in the expected free energy; from a million on, rounding loses the divergence."""
     goal_std_far: Length = preset()

@@ -26,7 +26,7 @@ Iterations = Annotated[Count, Field(le=1000)]
 
 
 class Vehicle(Settings, defaults="vehicle/default"):
-    """Physical constants (`conf/vehicle`)."""
+    """Physical constants of the vehicle (`conf/vehicle`)."""
 
     radius: Annotated[Length, Field(ge=MIN_RADIUS)] = preset()
     """Radius, u."""

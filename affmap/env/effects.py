@@ -16,22 +16,25 @@ from affmap.settings import NAME, ConfigError, extensions
 from affmap.settings.messages import OWN, format_value
 
 Force = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Force of a circle on the vehicle, `[..., 2]` in N. Its arguments are the way from the circle's centre to that of the
-vehicle (`[..., 2]` in u), and the velocity of the vehicle (`[..., 2]` in u/s)."""
+"""Force of a circle on the vehicle, see `Effect`."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect, its label and its colour."""
+    """The effect of a kind of circles on the vehicle; `register_effect` makes it known.
+
+    Attributes:
+        label: in legends.
+        color: `#rrggbb`.
+        pull: direction of its pull, x and y; None if it does not pull.
+        force: any other force: a function of the way from the circle's centre to that of the vehicle (u) and of the
+            vehicle's velocity (u/s), `[..., 2]` each, that returns `[..., 2]` in N; None if there is none.
+    """
 
     label: str
-    """Label in legends."""
     color: str
-    """`#rrggbb`."""
     pull: tuple[float, float] | None = None
-    """Direction of its pull, x and y; None if it does not pull."""
     force: Force | None = None
-    """Any other force of a circle that acts on the vehicle; None if there is none."""
 
 
 EFFECTS = {
@@ -54,6 +57,10 @@ def register_effect(name: str, effect: Effect) -> None:
 
     Its circles look and act as others do. A `pull` acts everywhere, times `vehicle.force`. A `force` is Python: agents
     that imagine with the true physics (`oracle`, `true_mean`, `true_deviation`), which is compiled, do not know it.
+
+    Args:
+        name: the `effect` of circles in layouts.
+        effect: its label, its colour, and how it acts.
 
     Raises:
         ValueError: the name is taken, or the effect is none, or a value is not allowed.

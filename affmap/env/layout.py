@@ -124,7 +124,7 @@ class Arena(Settings):
 
 
 class Layout(Arena):
-    """A layout: an arena and its circles."""
+    """A layout: an arena and its circles. `Layout.load("layout", "fog")` reads that of `conf/layout/fog.yaml`."""
 
     circles: tuple[Circle, ...] = Field(max_length=MAX_CIRCLES)
     """Obstacles, force fields, fog, and circles without an effect; they may overlap."""

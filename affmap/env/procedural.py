@@ -49,7 +49,7 @@ class Property(Settings):
 
 
 class Procedural(Arena):
-    """Rules for random layouts (`conf/layout/procedural_*.yaml`)."""
+    """Rules for random layouts (`conf/layout/procedural_*.yaml`); `draw` makes one."""
 
     count: tuple[NumCircles, NumCircles]
     """Smallest and largest number of circles."""

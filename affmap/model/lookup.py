@@ -112,7 +112,7 @@ def lookup_error(lookup: Lookup, exact: ExactLookup, positions: Tensor) -> Tenso
 
 
 class AffordanceMap:
-    """Context codes on a fine grid over the arena, interpolated bilinearly.
+    """Context codes on a fine grid over the arena, interpolated bilinearly; `AffordanceMap.paint` makes one.
 
     Attributes:
         codes: `[M * W, Y, X, C]`, codes at the nodes in W worlds a member; row 0 is y = 0, column 0 is x = 0.

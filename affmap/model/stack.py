@@ -16,7 +16,7 @@ from affmap.settings.messages import counted
 
 
 class Stack(nn.Module):
-    """M independently seeded members. At context size 0 there is no vision model.
+    """M independently seeded members: their transition models and, from context size 1 on, their vision models.
 
     Attributes:
         settings: those of the models.

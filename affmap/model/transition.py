@@ -26,7 +26,10 @@ StepFunction = Callable[[Carry, Tensor, Tensor, Tensor], tuple[Carry, Gaussian]]
 
 
 class TransitionModel(nn.Module, ABC):
-    """M transition models side by side; every parameter is `[M, ...]`, and the loss is the sum over members."""
+    """Base class of M transition models side by side.
+
+    Every parameter is `[M, ...]`, and the loss is the sum over members.
+    """
 
     @abstractmethod
     def initial(self, num_sequences: int = 1) -> Carry:

@@ -82,13 +82,12 @@ def train(
             that were collected in `layouts` in any manner.
         worlds: drawn from each of the rules among `layouts`. They are none that `affmap.fly` or `affmap.evaluate`
             draws.
-        data: changes of the exploration, such as `{"num_sequences": 50}`; see `affmap.data.settings.Exploration`.
-        model: changes of the architecture; see `affmap.model.settings.ModelSettings`.
-        training: changes of the training, such as `{"batch_size": 5}`; see
-            `affmap.training.settings.TrainingSettings`.
-        lookup: changes of the agent's look-up; see `affmap.model.settings.LookupSettings`.
+        data: changes of the exploration, such as `{"num_sequences": 50}`; see `affmap.Exploration`.
+        model: changes of the architecture; see `affmap.ModelSettings`.
+        training: changes of the training, such as `{"batch_size": 5}`; see `affmap.TrainingSettings`.
+        lookup: changes of the agent's look-up; see `affmap.LookupSettings`.
         planner: changes of its planner, or the name of another, such as `gradient`.
-        control: changes of its control, such as `{"beta": 10}`; see `affmap.control.settings.ControlSettings`.
+        control: changes of its control, such as `{"beta": 10}`; see `affmap.ControlSettings`.
         folder: of the data set and the models. The same call finds them there again, and resumes a training that was
             interrupted; a sweep with this folder as its `store` does, too. Without it, only the agent remains.
         progress: whether progress and loss are shown.

@@ -2,15 +2,24 @@
 
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import NamedTuple
 
+from hydra.errors import HydraException
+
+from affmap.config.notes import folders_with_notes, read_note
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
-from affmap.pipeline.job import find
+from affmap.pipeline.job import find, is_complete
 from affmap.results.provenance import leaves
 from affmap.results.setting import PLANNER, ReportSettings, Setting, Value
 from affmap.results.tables import Results, join
-from affmap.settings.messages import ConfigError
+from affmap.settings.messages import ConfigError, few
+
+
+class IncompleteError(ConfigError):
+    """Some settings of a sweep are not complete."""
 
 
 class Completed(NamedTuple):
@@ -32,7 +41,7 @@ def completed(sweep: Sweep) -> Completed:
     """The completed settings of a sweep; members that were divided among jobs are joined.
 
     Raises:
-        ConfigError: some settings are incomplete, and the report may not be partial; or none is complete.
+        IncompleteError: some settings are, and the report may not be partial; or none is complete.
         StoreError: a file is corrupted.
     """
     growth, baselines = sweep.growth(), sweep.baselines()
@@ -44,12 +53,28 @@ def completed(sweep: Sweep) -> Completed:
     if growth:
         every.append((growth.first.name, growth_setting))
     labels = [label for label, setting in every if setting is None]
-    sentence = f"{len(labels)} of {len(every)} settings are not complete ({'; '.join(labels)})" if labels else ""
+    sentence = f"{len(labels)} of {len(every)} settings are not complete ({few(labels, '; ')})" if labels else ""
     complete = [setting for setting in settings if setting]
     if labels and not (sweep.first.report.partial and complete):
-        raise ConfigError(f"{sentence}; run `affmap {shlex.join(sweep.overrides)}` first.")
+        line = sweep.overrides or [f"name={sweep.first.name}"]  # without overrides nothing runs
+        raise IncompleteError(f"{sentence}; run `affmap {shlex.join(line)}` first.")
     baseline_complete = [setting for setting in baseline_settings if setting]
     return Completed(_distinct(join(complete)), growth_setting, join(baseline_complete), sentence)
+
+
+def complete_elsewhere(sweep: Sweep) -> Path | None:
+    """Another folder in `runs` with a sweep of the same experiment, perhaps of another scale, that is complete."""
+    experiment = [line for line in sweep.overrides if line.startswith("experiment=")]
+    for folder in folders_with_notes():
+        with suppress(ConfigError, HydraException):  # of a note that cannot be read any more
+            note = read_note(folder)
+            if not experiment or experiment[0] not in note or folder.resolve() == sweep.first.output.resolve():
+                continue
+            other = Sweep.read(note)
+            parts = (other, *other.companions())
+            if other.first.output == folder and all(is_complete(config) for part in parts for config in part.configs):
+                return folder
+    return None
 
 
 def _settings(sweep: Sweep) -> list[Setting | None]:

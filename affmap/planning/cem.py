@@ -41,7 +41,7 @@ class CEMState(NamedTuple):
 
 @register_planner
 class CEMPlanner(Settings, defaults="planner/cem"):
-    """The cross-entropy method (`conf/planner/cem.yaml`)."""
+    """Evolutionary planning: the cross-entropy method (`conf/planner/cem.yaml`)."""
 
     kind: Literal["cem"] = preset()
     horizon: Count = preset()

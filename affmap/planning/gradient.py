@@ -29,7 +29,7 @@ class GradientState(NamedTuple):
 
 @register_planner
 class GradientPlanner(Settings, defaults="planner/gradient"):
-    """Gradient descent on actions (`conf/planner/gradient.yaml`)."""
+    """Gradient-based planning: gradient descent on actions (`conf/planner/gradient.yaml`)."""
 
     kind: Literal["gradient"] = preset()
     horizon: Count = preset()

@@ -32,6 +32,9 @@ def expected_free_energy(prediction: Gaussian, goal: Tensor, goal_std: Tensor, b
         goal: `[..., 2]`, u, broadcast against the axes before H.
         goal_std: `[...]`, standard deviation of the desired position, u.
         beta: weight of the uncertainty.
+
+    Returns:
+        The sum and its two terms, `[...]` each, nats; to be minimised.
     """
     log_std = goal_std.log()[..., None, None].expand(*goal.shape[:-1], 1, 2)
     divergence = kl(prediction, Gaussian(goal[..., None, :], log_std)).mean(-1)

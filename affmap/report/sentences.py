@@ -175,12 +175,13 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
     return sentences
 
 
-def remarks(scores: Sequence[Score]) -> list[str]:
-    """Remarks on verdicts, each with the claims that it concerns."""
+def remarks(scores: Sequence[Score], stated: bool = False) -> list[str]:
+    """Remarks on verdicts, each with the claims that it concerns, and these with their statements if `stated`."""
     claims: dict[str, list[str]] = {}
     for score in scores:
         if score.claim.remark:
-            claims.setdefault(score.claim.remark, []).append(score.claim.name)
+            statement = f" (“{score.claim.statement.rstrip('.')}”)" if stated else ""
+            claims.setdefault(score.claim.remark, []).append(f"{score.claim.name}{statement}")
     return [f"On {listed(names)}: {remark}." for remark, names in claims.items()]
 
 

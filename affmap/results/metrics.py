@@ -28,21 +28,27 @@ Column: TypeAlias = NDArray[Any] | pd.Series
 
 @dataclass(frozen=True)
 class Metric:
-    """A column of the tables."""
+    """A metric: a column of the tables; `register_metric` makes it known.
+
+    Attributes:
+        name: in a sentence.
+        unit: such as `u` or `steps`.
+        label: of an axis.
+        of_runs: function of the `affmap.results.files.Trajectories` of B runs that returns a value for each, `[B]`;
+            None if it does not follow from trajectories.
+        statistic: the effect in tests, mean or median of the members' differences; likelihoods have heavy tails.
+        margin: a difference that would not matter: small compared with those between context sizes.
+        stored: whether the table of a control stage has the column; its columns are fixed, so new metrics are not
+            stored.
+    """
 
     name: str
-    """Its name in a sentence."""
     unit: str
     label: str
-    """Label of an axis."""
     of_runs: Callable[[Trajectories], Column] | None = None
-    """The metric of B runs: `[B]`; None if it does not follow from trajectories."""
     statistic: Statistic = "mean"
-    """The effect in tests: mean or median of the members' differences; likelihoods have heavy tails."""
     margin: float | None = None
-    """A difference that would not matter: small compared with those between context sizes."""
     stored: bool = False
-    """Whether the table of a control stage has the column; its columns are fixed, so new metrics are not stored."""
 
 
 def _prediction_error(paths: Trajectories) -> Column:

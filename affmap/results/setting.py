@@ -42,6 +42,11 @@ def short_name(kind: str) -> str:
     return names.get(kind, kind)
 
 
+def value_name(value: float | str) -> str:
+    """A value of a compared key as in tables and figures."""
+    return short_name(value) if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"
+
+
 class Factor(NamedTuple):
     """A key of the configuration that the settings of a sweep may differ in."""
 

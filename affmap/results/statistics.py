@@ -7,6 +7,8 @@ where there is too little to test, and neither is tested where nothing was run: 
 function returns a NaN or decides from one.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum

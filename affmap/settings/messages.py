@@ -4,6 +4,7 @@ import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from itertools import islice
 from typing import Any, Literal
 
 from pydantic_core import ErrorDetails
@@ -16,6 +17,9 @@ OWN = f"one of your own is known once {VARIABLE}, or an entry point of its packa
 
 MOST = 10
 """Sentences of one error; further ones are only counted."""
+
+FEW = 5
+"""Names that a sentence lists where there may be hundreds; further ones are only counted."""
 
 
 _PROBLEMS = {
@@ -62,6 +66,17 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def few(names: Sequence[str], separator: str = ", ") -> str:
+    """The first few names of a list, and the number of the others."""
+    rest = len(names) - FEW
+    return separator.join(names[:FEW]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def first_lines(lines: Iterable[str], number: int) -> list[str]:
+    """The first lines of an error that has so many, and a line with the number of the others, which are not made."""
+    return [*islice(lines, MOST), *([f"... and {number - MOST} more."] if number > MOST else [])]
+
+
 def one_line(text: str, length: int = 600) -> str:
     """A text on one line, without characters that cannot be printed, and not longer than `length`."""
     return shorten(printable(" ".join(text.split())), length)
@@ -104,11 +119,11 @@ def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins:
         origins: the same for single keys that come from elsewhere.
         known: the keys that settings may have in place of an unknown one.
     """
-    lines = [
+    lines = (
         f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values, known))}"
-        for item in errors[:MOST]
-    ]
-    return "\n".join([*lines, *([f"... and {len(errors) - MOST} more."] if len(errors) > MOST else [])])
+        for item in errors
+    )
+    return "\n".join(first_lines(lines, len(errors)))
 
 
 def sentence(item: ErrorDetails, values: Any, known: Keys) -> str:

@@ -20,7 +20,7 @@ import pandas as pd
 import pytest
 import torch
 import yaml
-from commands import COMMAND, ENVIRONMENT, command, contents, in_process, jobs, line
+from commands import COMMAND, ENVIRONMENT, TINY, command, contents, in_process, jobs, line
 
 import affmap.pipeline.machine
 from affmap import pipeline
@@ -479,6 +479,27 @@ def test_a_report_of_an_incomplete_sweep_says_what_is_missing(
             in capsys.readouterr().err
         )
     assert contents(swept) == before
+
+
+def test_a_report_of_a_large_incomplete_sweep_lists_few_settings_and_names_one_that_is_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By hand: 40 jobs, of which nothing is there, beside a smoke run of one; and of that folder itself."""
+    monkeypatch.chdir(tmp_path)
+    large = ["experiment=lookups", "members=1", "seed=range(40)", "lookup.spacing=0.1"]
+    small = [*TINY, "experiment=lookups", "lookup.spacing=0.25"]
+    assert in_process(monkeypatch, "affmap", small) == 0
+    folder = Sweep.read(small).first.output
+    other = f" Another sweep is complete: `affmap-report {folder}` reports it.\n"
+    capsys.readouterr()
+    listed = "40 of 40 settings are not complete (seed=0; seed=1; seed=2; seed=3; seed=4 and 35 more); run `affmap "
+    for arguments, hint in ((large, other), ([*large, f"output={folder}"], "\n")):
+        assert in_process(monkeypatch, "affmap-report", arguments) == 2
+        message = capsys.readouterr().err
+        assert message.startswith(listed) and message.endswith(f"` first.{hint}")
+    shutil.rmtree(tmp_path / "runs/store/control")
+    assert in_process(monkeypatch, "affmap-report", large) == 2
+    assert capsys.readouterr().err.endswith("` first.\n")
 
 
 def test_losses_go_to_tensorboard_where_that_is_asked_for(

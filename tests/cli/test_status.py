@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from commands import command, in_process, line
 
+from affmap.cli import run
 from affmap.cli.status import SHARED, own_stages, summary, table
 from affmap.config import notes
 from affmap.config.sweep import Sweep
@@ -141,6 +142,17 @@ def test_a_failed_job_does_not_stop_the_others_and_is_named_at_the_end(failing: 
     assert "Traceback" in logs["0_context0_cem"] and "checkpoint.tmp" in logs["0_context0_cem"]
     for name in ("1_context1_cem", "2_context2_cem"):
         assert logs[name].endswith("complete\n") and "Traceback" not in logs[name]
+
+
+def test_of_many_settings_that_are_not_complete_few_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By hand: a launcher that does nothing leaves 12."""
+    monkeypatch.setattr(run, "_launch", lambda arguments: [])
+    assert in_process(monkeypatch, "affmap", line(tmp_path, "members=1", "seed=range(12)")) == 1
+    lines = [f"seed={seed}: it was not begun" for seed in range(10)]
+    head, *told, more, _ = capsys.readouterr().err.splitlines()
+    assert (head, told, more) == ("single: 12 of 12 settings are not complete:", lines, "... and 2 more.")
 
 
 def test_the_status_of_a_folder_is_that_of_its_sweep(

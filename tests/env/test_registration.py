@@ -230,7 +230,7 @@ def test_a_specification_with_a_layout_can_be_stored_and_made_again(
         ({"layout": {**LAYOUTS[0].plain, "start_side": -1}}, "layout: start_side = -1 is not allowed: it should be"),
         ({"layout": {**LAYOUTS[1].plain, "gap": "wide"}}, "layout: gap = 'wide' is not allowed: it should be"),
         ({"layout": {}}, "layout: name is missing; add the key"),
-        ({"vehicle": {"mass": 1.0}}, "vehicle: radius is missing; add the key"),
+        ({"vehicle": {"mass": -1.0}}, "^vehicle: mass = -1.0 is not allowed: it should be greater than 0"),
     ],
 )
 def test_mistakes_in_a_layout_s_keys_and_values_are_named(arguments: dict[str, Any], message: str) -> None:

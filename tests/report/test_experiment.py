@@ -159,15 +159,16 @@ def test_everything_that_was_promised_is_there(reports: dict[str, Path], name: s
 
 @pytest.mark.parametrize("name", [*DRAWN, "paper"])
 def test_the_page_needs_no_other_file(reports: dict[str, Path], whole: Path, name: str) -> None:
-    """Python's parser: every figure is in the page, every link leads to a part of it, every tag is closed."""
+    """Python's parser: every figure is in it, every link leads to a part of it or to the paper, every tag is closed."""
     folder = whole if name == "paper" else reports[name]
     page = Page(folder / "report.html")
     images = [base64.b64decode(image.removeprefix(SVG), validate=True) for image in page.images]
     shown = re.findall(r"!\[\w+\]\((.+)\)", (folder / "report.md").read_text("utf-8"))
     assert images == [(folder / path).with_suffix(".svg").read_bytes() for path in shown]
     assert name == "paper" or {Path(path).stem for path in shown} == DRAWN[name]
-    assert all(link.startswith((SVG, "#part-")) for link in page.links)
-    assert not page.open and not re.search("https?:|@import|url\\(", (folder / "report.html").read_text("utf-8"))
+    assert all(link.startswith((SVG, "#part-", "https://doi.org/")) for link in page.links)
+    text = (folder / "report.html").read_text("utf-8").replace('<a href="https://doi.org/', "<a ")
+    assert not page.open and not re.search("https?:|@import|url\\(", text)
 
 
 def test_a_figure_too_large_as_svg_is_in_the_page_as_png(
@@ -457,6 +458,25 @@ def test_the_paper_has_every_claim_and_what_is_missing(whole: Path) -> None:
     assert page.text.count(MISSING) == 2, "on the first page and in the section"
     assert page.text.count("so far: not all settings") == len(claims_about("exp5"))
     assert MISSING in page.text.split("statement")[0], "above the first table"
+
+
+def test_the_paper_begins_with_its_authors_origin_and_reference(whole: Path) -> None:
+    """Beside `CITATION.cff` and the stages, read here; on the first page, before any claim is named."""
+    citation = yaml.safe_load((Path(__file__).parents[2] / "CITATION.cff").read_text("utf-8"))
+    paper, record = citation["preferred-citation"], json.loads((whole / "provenance.json").read_text("utf-8"))
+    first = Page(whole / "report.html").text.split("I-1")[0]
+    for words in (citation["authors"][0]["name"], paper["title"], paper["authors"][-1]["family-names"]):
+        assert words in first
+    days = [stage["started"][:10] for each in record["experiments"].values() for stage in each["stages"]]
+    assert f"results of {max(days)}" in first
+    assert f"](https://doi.org/{paper['doi']})" in (whole / "report.md").read_text("utf-8")
+
+
+def test_claims_are_stated_with_remarks_where_these_come_first(results: dict[str, Results]) -> None:
+    scores = score(results["exp5"], claims_about("exp5"))
+    own = {each.claim.name: each.claim.statement.rstrip(".") for each in scores}
+    shared, _ = sentences.remarks(scores, stated=True)
+    assert shared.startswith(f"On V-3 (“{own['V-3']}”) and V-4 (“{own['V-4']}”): that fog")
 
 
 def test_a_claim_that_a_correction_undoes_is_named() -> None:

@@ -187,6 +187,18 @@ def test_values_that_are_names_are_readable_and_in_the_order_of_the_report() -> 
     assert axes[4].get_legend_handles_labels()[1] == ["MLP", "GRU"]
 
 
+def test_each_column_of_a_grid_has_an_axis_at_its_foot() -> None:
+    """By hand: four of six places are used, so the last two columns end in the first row."""
+    grid = Figure().subplots(2, 3, sharex=True, sharey=True)
+    for ax in grid.flat:
+        ax.set(xlabel="x", ylabel="y")
+    arena.label_outer(grid, 4)
+    assert [ax.get_xlabel() for ax in grid.flat[:4]] == ["", "x", "x", "x"]
+    assert [ax.xaxis.get_tick_params()["labelbottom"] for ax in grid.flat[:4]] == [False, True, True, True]
+    assert [ax.get_ylabel() for ax in grid.flat[:4]] == ["y", "", "", "y"]
+    assert [ax.axison for ax in grid.flat] == [True] * 4 + [False] * 2
+
+
 def test_panels_without_anything_to_show_say_so(world: Layout) -> None:
     """No run failed, none arrived nowhere, no step was outside fog, and none had two circles acting on it."""
     runs = pd.DataFrame({"context_size": [0, 8], "reason": "", "nearest": ""})

@@ -8,12 +8,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from affmap.experiments.comparison.report import format_value
 from affmap.report.drawing.colors import context_color
 from affmap.report.drawing.files import new_figure, save, style
 from affmap.report.drawing.numbers import HUGE
 from affmap.results.metrics import METRICS
-from affmap.results.setting import PLANNERS
+from affmap.results.setting import PLANNERS, value_name
 
 SPACING = "lookup.spacing"
 """The key of compared look-ups, whose context codes have errors."""
@@ -131,4 +130,4 @@ def value_axis(ax: Axes, names: Sequence[str]) -> Axes:
 
 
 def _readable(value: float | str) -> str:
-    return format_value(value).replace("_", " ")
+    return value_name(value).replace("_", " ")

@@ -19,7 +19,7 @@ from affmap.results import provenance, statistics
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number
 from affmap.results.provenance import differences, leaves
-from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, short_name
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, short_name, value_name
 from affmap.results.statistics import Verdict
 from affmap.results.tables import Results, read_provenance, read_runs, score_matrix, write_csv, write_runs
 from affmap.settings import ConfigError
@@ -161,7 +161,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
     first, *others = runs[factor].unique()
     if not others:
         raise ConfigError(
-            f"the runs have one value of {key!r}, {format_value(first)}; there is nothing to compare it with"
+            f"the runs have one value of {key!r}, {value_name(first)}; there is nothing to compare it with"
         )
     settings = [column for column, sources in COLUMNS.items() if key not in sources]
     if "layout" in settings and runs["layout"].nunique() == 1:
@@ -222,7 +222,7 @@ def markdown(table: pd.DataFrame, key: str) -> str:
             [
                 *(escape_name(str(row[column])) for column in settings),
                 f"{METRICS[row['metric']].name} ({row['unit']})",
-                escape_name(f"{format_value(row['a'])}, {format_value(row['b'])}"),
+                escape_name(f"{value_name(row['a'])}, {value_name(row['b'])}"),
                 f"{number(row['mean_a'])}, {number(row['mean_b'])}",
                 f"{number(row['median_a'])}, {number(row['median_b'])}",
                 f"{number(row['difference'], sign=True)}{interval if pd.notna(row['low']) else f' {NOTHING}'}",
@@ -231,8 +231,3 @@ def markdown(table: pd.DataFrame, key: str) -> str:
             ]
         )
     return markdown_table(heads, rows)
-
-
-def format_value(value: float | str) -> str:
-    """Value of the compared key as in tables and figures."""
-    return short_name(value) if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"

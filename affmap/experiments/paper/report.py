@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from affmap.report import build, page, sentences
+from affmap.report import build, citation, page, sentences
 from affmap.report.content import Content, alert, claim_rows, claims_markdown, claims_table, deviations, origins
 from affmap.report.experiment import PARTS, Room
 from affmap.report.figures import CAPTIONS, figures_of
 from affmap.report.markdown import bullets, escape, fill, text_table
 from affmap.results import manifest, provenance
 from affmap.results.claims import Score, holm
-from affmap.results.numbers import NOTHING, number, p_value
+from affmap.results.numbers import NOTHING, listed, number, p_value
 from affmap.results.scores import as_table, score
 from affmap.results.setting import ReportSettings
 from affmap.results.statistics import LEVEL
@@ -118,6 +118,20 @@ class PaperContent:
         missing = [f"{chapter.title}: {chapter.missing}" for chapter in self.report.chapters if chapter.missing]
         return "\n\n".join(map(alert, filter(None, [self.report.notice, *missing])))
 
+    def byline(self) -> str:
+        """Authors, version, commits and date of the results, and where to find the paper."""
+        records = list(self.report.record["experiments"].values())
+        versions = provenance.distinct([each.get("affmap") for record in records for each in record["versions"]])
+        commits = provenance.distinct([commit for record in records for commit in record["git"]])
+        dates = sorted(str(stage["started"])[:10] for record in records for stage in record["stages"])
+        made = [
+            f"affmap {listed(versions)}" if versions else "affmap",
+            *([f"commit{'s' * (len(commits) > 1)} {listed(commits)}"] if commits else []),
+            f"results of {dates[-1]}",
+        ]
+        by = f"{escape(citation.authors())} ({escape(', '.join(made))})"
+        return f"{by}\n\nThe paper: {citation.paper()}. {escape(citation.request())}"
+
     def verdicts(self) -> str:
         """Numbers of claims that hold, do not hold, and are not decided."""
         return escape(sentences.verdict_count(self._every))
@@ -128,7 +142,7 @@ class PaperContent:
 
     def remarks(self) -> str:
         """Choices made after a verdict had been seen."""
-        return bullets(map(escape, sentences.remarks(self._every)))
+        return bullets(map(escape, sentences.remarks(self._every, stated=True)))
 
     def claims(self) -> str:
         """Table of the claims, a row each."""

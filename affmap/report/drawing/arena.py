@@ -72,6 +72,24 @@ def arena(ax: Axes, world: Layout | VisibleLayout) -> Axes:
     return ax
 
 
+def label_outer(grid: "np.ndarray[Any, Any]", count: int) -> None:
+    """Label the axes of arenas at the left of a grid and at the foot of each column; others share these.
+
+    Args:
+        grid: `[rows, columns]` of Axes, filled row by row.
+        count: number of the arenas; the places after them stay empty.
+    """
+    for place, ax in enumerate(grid.flat):
+        if place >= count:
+            ax.set_axis_off()
+            continue
+        name = ax.get_xlabel()
+        ax.label_outer()
+        if place + grid.shape[1] >= count:  # nothing is below it
+            ax.set_xlabel(name)
+            ax.tick_params(labelbottom=True)
+
+
 def scene(ax: Axes, moment: Scene) -> Axes:
     """Draw a moment of a flight, in the framed arena."""
     paint_marks(ax, moment.marks())

@@ -21,9 +21,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     for ax, (epoch, arrays), picture in zip(grid.flat, snapshots.items(), colors, strict=False):
         title = f"after {epoch} epoch{'' if epoch == 1 else 's'}"
         arena.affordance_map(ax, picture, arrays.x, arrays.y, world.map).set_title(title, loc="left")
-        ax.label_outer()
-    for ax in grid.ravel()[len(snapshots) :]:
-        ax.set_axis_off()
+    arena.label_outer(grid, len(snapshots))
     return Drawn(
         figure,
         "Affordance map of one member in the course of a longer training, in a common basis: colours are comparable "

@@ -55,7 +55,10 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
 def _map_blocks(blocks: list[tuple[str, int, list[tuple[str, Floats, Painted]]]]) -> Figure:
     """Titled blocks of maps below each other: title, number of columns, and named maps."""
     rows = [-(-len(maps) // columns) for _, columns, maps in blocks]
-    heights = [0.55 + 4.95 / columns * num_rows for (_, columns, _), num_rows in zip(blocks, rows, strict=True)]
+    heights = [
+        0.55 + 4.95 / columns * num_rows + 0.35 * (num_rows > 1 and len(maps) % columns > 0)  # axes above empty places
+        for (_, columns, maps), num_rows in zip(blocks, rows, strict=True)
+    ]
     figure = new_figure(sum(heights))
     subfigures = figure.subfigures(len(blocks), 1, height_ratios=heights, squeeze=False).ravel()
     for part, (title, columns, maps), num_rows in zip(subfigures, blocks, rows, strict=True):
@@ -63,9 +66,7 @@ def _map_blocks(blocks: list[tuple[str, int, list[tuple[str, Floats, Painted]]]]
         grid = part.subplots(num_rows, columns, sharex=True, sharey=True, squeeze=False)
         for ax, (name, colors, of) in zip(grid.flat, maps, strict=False):
             arena.affordance_map(ax, colors, of.maps.x, of.maps.y, of.world.map).set_title(name, loc="left")
-            ax.label_outer()
-        for ax in grid.ravel()[len(maps) :]:
-            ax.set_axis_off()
+        arena.label_outer(grid, len(maps))
     return figure
 
 

@@ -66,12 +66,11 @@ def _maps(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportS
     names = [of_part(results, part, parts, settings).removeprefix(": ") for part in parts]
     grid = cell.subgridspec(-(-len(parts) // 2), 1 + several).subplots(sharex=True, sharey=True, squeeze=False)
     for ax, part, name in zip(grid.flat, parts, names, strict=False):
-        arena.affordance_map(ax, paint([part], 0)[0], part.maps.x, part.maps.y, part.world.map).label_outer()
+        arena.affordance_map(ax, paint([part], 0)[0], part.maps.x, part.maps.y, part.world.map)
         ax.set_title(name, loc="left")
+    arena.label_outer(grid, len(parts))
     title = f"B  Affordance map{'s' if several else ''} (C = {size}, member {parts[0].maps.member[0]})"
     grid[0, 0].set_title(f"{title}\n{names[0]}".strip(), loc="left")
-    for ax in grid.ravel()[len(parts) :]:
-        ax.set_axis_off()
 
 
 def _shown_maps(results: Results, size: int) -> list[Painted]:
