@@ -174,7 +174,7 @@ WIDE = """[...document.querySelectorAll("html, .md-typeset__scrollwrap")]
 
 
 def test_the_site_fits_a_phone_and_searches_from_the_disk(site: Path, browser: Browser) -> None:
-    """A page of each kind in Chromium, which asks for nothing outside the site; planners and keys are found first."""
+    """A page of each kind in Chromium, which asks for nothing outside the site; names and keys are found first."""
     page = browser.new_page(viewport={"width": PHONE, "height": 800})
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
@@ -187,8 +187,10 @@ def test_the_site_fits_a_phone_and_searches_from_the_disk(site: Path, browser: B
         assert not wide, f"{path} has what is wider than a phone: {wide}"
     page.locator("label[for=__search]").first.click()
     query, first = page.locator("input[name=query]"), page.locator(".md-search-result__item").first.locator("a")
-    query.press_sequentially("cem")
-    expect(first.first).to_have_attribute("href", f"{(site / 'api/affmap.CEMPlanner.html').as_uri()}?h=cem")
+    for typed, name in [("cem", "affmap.CEMPlanner"), ("affmap.train", "affmap.train")]:
+        query.fill("")
+        query.press_sequentially(typed)
+        expect(first.first).to_have_attribute("href", re.compile(rf"/api/{name}\.html\?h="))
     for group, key in [("control", "beta"), ("model", "context_size"), ("planner.cem", "num_iterations")]:
         query.fill("")
         query.press_sequentially(key)

@@ -34,7 +34,7 @@ def pages() -> Iterator[tuple[str, str]]:
     names = [name for group in groups().values() for name in group]
     for name in names:
         described = member(name)
-        page = _PAGE.format(name=name, title=typed(name), short=short(name))
+        page = _PAGE.format(name=name, title=typed(name))
         if _is_settings(described):
             page = _settings(name, described)
         if described.is_subpackage:  # names that it hands on have pages of their own
@@ -44,7 +44,7 @@ def pages() -> Iterator[tuple[str, str]]:
 
 
 _PAGE = """---
-title: {short}
+title: {title}
 ---
 
 ::: {name}
@@ -55,7 +55,7 @@ title: {short}
 """
 
 _SETTINGS = """---
-title: {short}
+title: {title}
 ---
 
 # {title}
@@ -89,7 +89,6 @@ def _settings(name: str, described: griffe.Object | griffe.Alias) -> str:
     page = _SETTINGS.format(
         name=name,
         title=typed(name),
-        short=short(name),
         signature=_signature(settings),
         keys=table(["key", "type", "meaning"], rows),
     )
