@@ -170,8 +170,9 @@ def test_a_mistake_is_reported(
 
 @pytest.fixture
 def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The command line of a search of two trials, whose objective is a constant."""
+    """The command line of a search of two trials, whose objective is a constant, on a machine with a GPU."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("affmap.cli.run.check_devices", lambda config, planned: None)
     monkeypatch.setattr("affmap.pipeline.execution.score", lambda config: 1.0)
     arguments = line(tmp_path, "search=cem", "hydra.sweeper.num_trials=2", "control.device=cuda")
     assert in_process(monkeypatch, "affmap", arguments) == 0
