@@ -168,8 +168,8 @@ def test_flights_can_be_drawn_as_they_come() -> None:
     stack = make_stack(3, seeds=(4,))
     settings = SETTINGS.model_copy(update={"num_steps": 3})
     agent = Agent(stack, ExactLookup(stack, [ORIGINAL.map]), CEMPlanner.load("planner", "cem", horizon=2), settings)
+    before = torch.get_num_threads()
     runs = affmap.fly(agent, "two_obstacles")
-    assert runs.layouts == [TWO] * 4
+    assert runs.layouts == [TWO] * 4 and torch.get_num_threads() == before
     lines = [line for line in affmap.plot.trajectories(runs, ax=axes()).lines if len(line.get_xdata()) == 4]
     assert len(lines) == 4 and {to_rgba(line.get_color()) for line in lines} == {*map(to_rgba, GROUP_COLORS[:4])}
-    assert torch.get_num_threads() == 1
