@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from enum import Enum
 from pathlib import Path
 from types import ModuleType
 
@@ -18,6 +19,7 @@ import affmap.env
 from affmap.control import HalfOracle, Oracle
 from affmap.env.procedural import Procedural, load
 from affmap.random import generator
+from hydra_plugins.hyperopt_sweeper.hyperopt_sweeper import HyperoptConf
 
 ROOT = Path(__file__).parents[1]
 
@@ -283,6 +285,21 @@ def test_time_and_memory_are_those_of_the_published_reports() -> None:
     said = page("docs/install.md")
     assert f"took {together:.0f} minutes, summed over processes; {five:.0f} of them are Experiment V's" in said
     assert f"of Experiment I used {one} of memory, and that of Experiment V {largest}." in said
+
+
+def test_keys_of_the_search_have_the_defaults_that_its_page_says() -> None:
+    """The sweeper's own, and its choices."""
+    text = (ROOT / "docs/sweeps.md").read_text("utf-8")
+    rows = text.partition("key of `hydra.sweeper`")[2]
+    table = re.findall(r"^\| `(\w+)` \| `?(\w+)`? \| (.+) \|$", rows, re.MULTILINE)
+    conf = HyperoptConf()
+    assert len(table) > 5
+    for key, default, meaning in table:
+        value = getattr(conf, key)
+        assert default == str(getattr(value, "name", value))
+        if isinstance(value, Enum):
+            others = {each.name for each in type(value)} - {default}
+            assert all(f"`{each}`" in meaning for each in others)
 
 
 def explanations() -> str:

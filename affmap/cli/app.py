@@ -17,6 +17,7 @@ from affmap.config.search import Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline.job import check_members, check_report
 from affmap.pipeline.machine import MachineError
+from affmap.results.manifest import check_place
 from affmap.settings.messages import ConfigError, nearest, one_line, printable
 from affmap.store import provenance
 from affmap.store.files import FULL_DISK, locked
@@ -131,7 +132,12 @@ def read_sweep(arguments: Sequence[str]) -> Sweep:
 
 @contextmanager
 def written_alone(path: Path) -> Iterator[None]:
-    """Hold the lock of a folder that a command writes; others that write it wait."""
+    """Hold the lock of a folder that a command writes; others that write it wait.
+
+    Raises:
+        ConfigError: a file is in its place, or on the way.
+    """
+    check_place(path)
     lock = path.with_name(f".{path.name}.lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
     with locked(lock, f"another command that writes {path}"):

@@ -134,10 +134,22 @@ def check_output(output: Path, stages: Iterable[Stage]) -> None:
         stages: of the new report.
 
     Raises:
-        ConfigError: the folder holds a report of other stages.
+        ConfigError: the folder holds a report of other stages, or it can be none.
     """
+    check_place(output)
     if holds_others(output, stages):
         raise ConfigError(f"{output} holds the report of other results; say output=runs/<name>, or remove that folder.")
+
+
+def check_place(output: Path) -> None:
+    """Make sure that a folder is there, or can be made.
+
+    Raises:
+        ConfigError: a file is in its place, or on the way.
+    """
+    there = next(place for place in (output, *output.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise ConfigError(f"output = {output} cannot be made: {there} is a file; say output=runs/<name>.")
 
 
 def holds_others(output: Path, stages: Iterable[Stage]) -> bool:

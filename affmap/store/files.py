@@ -153,9 +153,11 @@ def locked(path: Path, other: str) -> Iterator[None]:
 
     Raises:
         ConfigError: the disk has no locks.
+        OSError: the file cannot be made there.
     """
     lock = FileLock(path, fallback_to_soft=False)  # a lock that is a mere file outlives a killed job
     try:
+        os.close(os.open(path, os.O_CREAT | os.O_RDWR))  # else FileLock would wait for ever, as in /proc
         lock.acquire(timeout=0)
     except Timeout:
         log.info("Waiting for %s.", other)

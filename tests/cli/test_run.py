@@ -686,6 +686,19 @@ def test_a_report_is_not_published_onto_itself(
     assert contents(swept) == before
 
 
+@pytest.mark.parametrize("entry", ["affmap", "affmap-report"])
+@pytest.mark.parametrize("output", ["file", "file/deeper"])
+def test_an_output_that_can_be_no_folder_is_refused(
+    swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], entry: str, output: str
+) -> None:
+    """A file is there, or on the way; the sweep itself is complete, so nothing else would tell."""
+    (swept / "file").write_text("mine")
+    assert in_process(monkeypatch, entry, [*line(swept, *SWEEP), f"output={swept / output}"]) == 2
+    captured = capsys.readouterr()
+    assert f"output = {swept / output} cannot be made: {swept / 'file'} is a file; say output=" in captured.err
+    assert captured.out == "" and (swept / "file").read_text() == "mine"
+
+
 def test_a_report_of_other_results_is_not_replaced(
     swept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

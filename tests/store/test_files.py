@@ -173,6 +173,13 @@ LEFT_BEHIND = [
 ]
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="only Linux has this folder, where nobody makes files")
+def test_a_place_without_files_is_an_error_and_no_wait() -> None:
+    """A file that cannot be made is none that another process holds."""
+    with pytest.raises(OSError, match=r"/proc/a\.lock"), locked(Path("/proc/a.lock"), "another"):
+        pytest.fail("it went on")
+
+
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
 def test_a_disk_without_locks_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     """One sentence with the folder and the remedy; no lock that is a mere file, and would outlive a killed job."""
