@@ -130,12 +130,14 @@ def _nearest_key(key: str, node: Any) -> str | None:
     if not OmegaConf.is_dict(node):
         return None
     place, dot, name = key.rpartition(".")
+    tree: Any = OmegaConf.to_container(node)
+    every = {each.rpartition(".")[2]: each for each in leaves(tree) if "_logging." not in each}
+    if key in every:
+        return every[key]
     if near := nearest(name, map(str, node)):
         return f"{place}{dot}{near}"
     if place:
         return None
-    tree: Any = OmegaConf.to_container(node)
-    every = {each.rpartition(".")[2]: each for each in leaves(tree) if "_logging." not in each}
     near = nearest(key, groups()) or nearest(key, every)
     return every.get(near, near) if near else None
 

@@ -86,6 +86,7 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
         (["experimnt=exp1"], "experimnt is not a known key; did you mean experiment?"),
         (["model/trnsition=gru"], "model/trnsition is not a known key; did you mean model/transition?"),
         (["hydra.launcher.njobs=2"], "hydra.launcher.njobs is not a known key; did you mean hydra.launcher.n_jobs?"),
+        (["device=cuda"], "device is not a known key; did you mean control.device?"),
         (["n_jobs=2"], "n_jobs is not a known key; did you mean hydra.launcher.n_jobs?"),
         (["moon=full"], "moon is not a known key; correct its spelling."),
         (
