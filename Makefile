@@ -46,15 +46,16 @@ $(VENV)-slow/.ready: EXTRAS := [dev,mlflow,optuna,ray,rl,slurm,trackio,wandb]
 # Ray's launcher and Trackio want older versions of these, which no number depends on.
 $(VENV)-slow/.ready: UNPINNED := cloudpickle|joblib|pillow|python-dateutil
 
-# An environment that is made here has the mark .ours, and .unfinished while packages are installed into it: after an
-# interruption it is made anew (pip caches). One of the user's own is completed and never removed.
+# An environment that is made here has the mark .ours, and .unfinished, with the number of make's process, while packages
+# are installed into it: after an interruption it is made anew (pip caches). One of the user's own is completed and never removed.
 # torch first and pinned: asked for later, a larger build of it may be chosen. The constraints hold for builds, too.
 $(READY) $(TOOLS) $(VENV)-bench/.ready $(VENV)-slow/.ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "affmap needs Python 3.11 to 3.13: make PYTHON=...")'
+	@! kill -0 "$$(cat $(@D)/.unfinished 2> /dev/null)" 2> /dev/null || { echo "Another make is installing into $(@D); run this when it has finished." >&2; exit 1; }
 	@echo "Installing into $(@D): $(CONTENT). This takes some minutes, once."
 	@test ! -e $(@D)/.unfinished || find $(@D) -mindepth 1 ! -path $(@D)/.ours ! -path $(@D)/.unfinished -delete
 	@test -e $(@D) || { mkdir -p $(@D) && touch $(@D)/.ours; }
-	@test ! -e $(@D)/.ours || touch $(@D)/.unfinished
+	@test ! -e $(@D)/.ours || echo $$PPID > $(@D)/.unfinished
 	@rm -f $(@D)/.ready
 	@$(@D)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv $(@D)
 	@grep -vE '^($(UNPINNED))==' constraints.txt > $(@D)/constraints.txt

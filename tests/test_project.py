@@ -350,6 +350,20 @@ def test_a_first_make_that_was_interrupted_is_healed_by_the_same_command(
     assert "is up to date" in make(target).stdout
 
 
+def test_an_environment_into_which_another_make_installs_is_left_alone(
+    make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    """The other process is this one; nothing is removed, and no Python is called but for its version."""
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv/.ours").touch()
+    (tmp_path / ".venv/.unfinished").write_text(f"{os.getpid()}\n")
+    result = make("setup")
+    assert result.returncode == 2 and "Another make is installing into .venv; run this when" in result.stderr
+    assert sorted(path.name for path in (tmp_path / ".venv").iterdir()) == [".ours", ".unfinished"]
+    (tmp_path / ".venv/.unfinished").write_text("\n")  # of an interrupted one
+    assert make("setup").returncode == 0
+
+
 @pytest.mark.parametrize("target", ["setup", "test"])
 def test_an_environment_whose_tools_were_interrupted_is_made_anew(
     make: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path, target: str
