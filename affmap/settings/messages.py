@@ -110,7 +110,7 @@ Keys = Callable[[Mapping[str, Any], str], Iterable[str]]
 
 
 def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins: Mapping[str, str], known: Keys) -> str:
-    """A line for each invalid value: its origin, and the error.
+    """A line for each invalid value: its origin, and the error; keys with the same one share a line.
 
     Args:
         errors: from pydantic.
@@ -119,11 +119,14 @@ def sentences(errors: Sequence[ErrorDetails], values: Any, origin: str, origins:
         origins: the same for single keys that come from elsewhere.
         known: the keys that settings may have in place of an unknown one.
     """
-    lines = (
-        f"{origins.get(str(item['loc'][0]) if item['loc'] else '', origin)}: {one_line(sentence(item, values, known))}"
-        for item in errors
-    )
-    return "\n".join(first_lines(lines, len(errors)))
+    keys: dict[tuple[str, str], list[str]] = {}
+    for item in errors:
+        place = origins.get(str(item["loc"][0]) if item["loc"] else "", origin)
+        text = one_line(sentence(item, values, known))
+        key, equals, rest = text.partition(" = ")
+        keys.setdefault((place, equals + rest if equals else text), []).append(key if equals else "")
+    lines = (f"{place}: {', '.join(dict.fromkeys(each))}{rest}" for (place, rest), each in keys.items())
+    return "\n".join(first_lines(lines, len(keys)))
 
 
 def sentence(item: ErrorDetails, values: Any, known: Keys) -> str:

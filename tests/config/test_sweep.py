@@ -215,7 +215,9 @@ def test_a_layout_that_does_not_exist_is_reported(key: str) -> None:
 
 def test_a_layout_that_is_misspelt_is_suggested() -> None:
     with pytest.raises(
-        ConfigError, match=r"conf/layout/orignal.yaml does not exist; did you mean original\? There are: "
+        ConfigError,
+        match=r"^[\w/. ]+: training_layouts\[0\], control_layout, map_layout = 'orignal': conf/layout/orignal\.yaml "
+        r"does not exist; did you mean original\? There are: [\w, ]+\.$",
     ):
         sweep.jobs(["world=orignal"])
 
