@@ -84,7 +84,7 @@ def load(folder: Path, members: Sequence[int] | None = None) -> Agent:
     """
     record, stack = _read(folder)
     if members is not None:
-        if not members or not {*members} <= {*stack.seeds}:
+        if not {*members} <= {*stack.seeds}:
             raise ConfigError(f"members = {[*members]} is not allowed: {folder} has {[*stack.seeds]}.")
         stack = stack.select([stack.seeds.index(member) for member in members])
     losses = read_validation(folder, members) if (folder / VALIDATION).is_file() else None

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 import affmap
-from affmap.control import saved
+from affmap.control import pretrained, saved
 from affmap.control.agent import Agent
 from affmap.model.lookup import AffordanceMap, ExactLookup, LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
@@ -98,7 +98,7 @@ def test_losses_come_back(tmp_path: Path) -> None:
     ("options", "told"),
     [
         ({"members": [3, 4]}, r"^members = \[3, 4\] is not allowed: .*mine has \[3, 7\]\.$"),
-        ({"members": []}, r"^members = \[\] is not allowed"),
+        ({"members": []}, r"^members = \[\] is not allowed; give at least one seed"),
         ({"context_size": 8}, r"has models of the context size 2, none of 8\.$"),
         ({"transition": "gru"}, r"has transition models of the kind mlp; none is 'gru'\.$"),
         ({"layout": "original"}, r"'original' has channels \['solid'\], and the agent was trained with"),
@@ -144,6 +144,16 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("")
     with pytest.raises(ConfigError, match="mine is a file, and stays as it is"):
         make().save(tmp_path / "mine")
+
+
+def test_an_agent_without_its_record_is_told(tmp_path: Path) -> None:
+    """Weights alone are no agent; and a saved agent is no experiment."""
+    make().save(tmp_path / "mine")
+    with pytest.raises(ConfigError, match=r"mine is a saved agent, where an experiment is wanted; give the folder"):
+        pretrained.origin(tmp_path / "mine")
+    (tmp_path / "mine" / saved.AGENT).unlink()
+    with pytest.raises(ConfigError, match=r"mine has weights\.safetensors, but agent\.json is missing"):
+        affmap.load(tmp_path / "mine")
 
 
 class Own(MLP):
