@@ -7,6 +7,7 @@ renamed.
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from affmap.control.agent import Agent, ControlSettings
 from affmap.env.body import Vehicle
@@ -95,19 +96,45 @@ def load(folder: Path, members: Sequence[int] | None = None) -> Agent:
 def _read(folder: Path) -> tuple[_Record, Stack]:
     """All of an agent but its losses, once every file of its folder is verified; see `load`."""
     path = folder / AGENT
-    try:
-        content = read_json(path)
-        intact = isinstance(content, dict) and has_valid_checksum(content)
-        digests = {name: sha256(folder / name) for name in FILES if name != AGENT and (folder / name).exists()}
-        intact = intact and content["files"] == digests
-    except (OSError, ValueError, KeyError):
-        intact = False
-    if not intact:
-        raise StoreError(f"{folder} is corrupted: {' or '.join(FILES)} is not as it was saved; restore it.")
+    content = _verified(folder)
     with guarded_read(path):
         values = content["agent"]
         record = _Record.checked({**values, "control": {"device": "cpu", **values["control"]}}, str(path))
         return record, restore(Stack(record.model, record.num_channels, record.seeds), folder / WEIGHTS)
+
+
+def _verified(folder: Path) -> dict[str, Any]:
+    """The content of `agent.json`.
+
+    Raises:
+        StoreError: a file is missing, cannot be read, or is not as it was saved; the message names it.
+    """
+    try:
+        content = _content(folder / AGENT)
+        actual = {name: sha256(folder / name) for name in FILES[1:] if (folder / name).exists()}
+    except OSError as error:
+        raise StoreError(f"{error.filename} cannot be read ({error.strerror}); restore it.") from None
+    for name in FILES[1:]:
+        if actual.get(name) != content["files"].get(name):
+            fault = "is not as it was saved" if name in actual else "is missing"
+            raise StoreError(f"{folder / name} {fault}; restore it.")
+    return content
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """The content of `agent.json`.
+
+    Raises:
+        OSError: it cannot be read.
+        StoreError: it is not as it was saved.
+    """
+    try:
+        content = read_json(path)
+    except ValueError:
+        content = None
+    if not isinstance(content, dict) or not has_valid_checksum(content) or not isinstance(content.get("files"), dict):
+        raise StoreError(f"{path} is not as it was saved; restore it.")
+    return content
 
 
 def _record(agent: Agent) -> _Record:

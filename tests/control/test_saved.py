@@ -1,6 +1,7 @@
 """Saved agents: bit by bit against those that were saved; files that were changed; folders that are no saved agents."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -203,7 +204,20 @@ def test_damage_is_told(name: str, damage: str, tmp_path: Path) -> None:
     place = content.rindex(b"3")
     changed = content[:place] + b"4" + content[place + 1 :]
     path.write_bytes({"cut": content[:-2], "changed": changed, "empty": b"", "other": b"[]"}[damage])
-    with pytest.raises(StoreError, match=r"mine is corrupted: agent\.json or .* or validation\.csv is not as it was"):
+    with pytest.raises(StoreError, match=rf"mine/{re.escape(name)} is not as it was saved; restore it\.$"):
+        affmap.load(tmp_path / "mine")
+
+
+@pytest.mark.parametrize("name", [WEIGHTS, VALIDATION])
+def test_a_missing_or_unreadable_file_is_named(name: str, tmp_path: Path) -> None:
+    agent = make()
+    agent.losses = LOSSES
+    agent.save(tmp_path / "mine")
+    (tmp_path / "mine" / name).unlink()
+    with pytest.raises(StoreError, match=rf"mine/{re.escape(name)} is missing; restore it\.$"):
+        affmap.load(tmp_path / "mine")
+    (tmp_path / "mine" / name).mkdir()
+    with pytest.raises(StoreError, match=rf"mine/{re.escape(name)} cannot be read \(Is a directory\); restore it\.$"):
         affmap.load(tmp_path / "mine")
 
 
