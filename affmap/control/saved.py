@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings
 from affmap.env.body import Vehicle
 from affmap.model.lookup import AffordanceMap, ExactLookup, LookupSettings, make_lookup
@@ -17,8 +18,7 @@ from affmap.model.weights import WEIGHTS, copy, restore
 from affmap.model.weights import save as save_weights
 from affmap.planning.registry import AnyPlanner
 from affmap.results.files import VALIDATION, read_validation, write_validation
-from affmap.settings import ConfigError, Count, Line, Seed, Settings, check_folder
-from affmap.settings.messages import format_value
+from affmap.settings import ConfigError, Count, Line, Seed, Settings
 from affmap.store.files import guarded_read, read_json, replace_folder, sha256, write_json
 from affmap.store.provenance import has_valid_checksum, versions, with_checksum
 from affmap.store.stage import StoreError
@@ -47,17 +47,15 @@ class _Record(Settings):
 
 def save(agent: Agent, folder: str | Path) -> None:
     """Write an agent into a folder; see `Agent.save`."""
-    place = Path(folder)
-    try:
-        check_folder(place)
-    except ValueError as error:
-        raise ConfigError(f"folder = {format_value(str(folder))} is not allowed: it {error}.") from None
-    place = place.resolve()  # of a link
+    place = arguments.folder(folder).resolve()  # of a link
     _check_replaceable(place)
     record = _record(agent)
     new = place.with_name(f".{place.name}.new")
     shutil.rmtree(new, ignore_errors=True)
-    new.mkdir(parents=True)
+    try:
+        new.mkdir(parents=True)
+    except OSError as error:
+        raise ConfigError(f"{place} cannot be made ({error.strerror}); save the agent in another folder.") from None
     try:
         save_weights(copy(agent.stack), new / WEIGHTS)
         if agent.losses is not None:

@@ -157,6 +157,18 @@ def test_an_agent_without_its_record_is_told(tmp_path: Path) -> None:
         affmap.load(tmp_path / "mine")
 
 
+@pytest.mark.parametrize(
+    ("folder", "told"),
+    [
+        (3, r"^folder = 3 is not allowed; give a path, such as 'runs/mine'\.$"),
+        ("/proc/mine", r"^/proc/mine cannot be made \(.*\); save the agent in another folder\.$"),
+    ],
+)
+def test_a_place_where_nothing_can_be_made_is_told(folder: Any, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        make().save(folder)
+
+
 class Own(MLP):
     """A transition model that no settings describe."""
 
