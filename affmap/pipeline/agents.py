@@ -118,10 +118,11 @@ def train(
         values["members"] = members
     existing: Path | Arrays | None = None
     if isinstance(dataset, str | Path):
-        if not (layouts is None and vehicle is None and data is None):
-            raise ConfigError("dataset has layouts, vehicle and settings of its own; leave layouts, vehicle, data out.")
         existing = Path(dataset)
         values |= datasets.origin(existing)
+        given = {"layouts": layouts, "vehicle": vehicle, "data": data}
+        if second := [key for key, value in given.items() if value is not None]:
+            raise ConfigError(f"dataset has {', '.join(second)} of its own; leave {', '.join(second)} out.")
     else:
         if dataset is not None and layouts is None:
             raise ConfigError(

@@ -127,6 +127,8 @@ def test_another_training_on_the_same_data_set(swept: tuple[Path, Setting], tmp_
     agent = affmap.train(dataset=dataset, **rest, folder=tmp_path / "store")
     assert same(agent, affmap.train("original", **SETTINGS, folder=folder / "store"))
     assert [path.name for path in (tmp_path / "store").iterdir()] == ["train"]
+    with pytest.raises(ConfigError, match=r"^dataset has layouts, data of its own; leave layouts, data out\.$"):
+        affmap.train("original", dataset=dataset, **SETTINGS)
     (dataset / "dataset.npz").write_bytes(b"")
     with pytest.raises(StoreError, match="corrupted"):
         affmap.train(dataset=dataset, **rest)
@@ -330,11 +332,8 @@ def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config
         ({"folder": 3}, r"^folder = 3 is not allowed; give a path, such as 'runs/mine'\.$"),
         ({"folder": __file__}, r"^folder = '.*test_agents\.py' is a file; give another folder\.$"),
         ({"folder": agents.reference() / "store"}, r"is of the reference run; give a folder of your own\.$"),
-        ({"layouts": None, "dataset": "mars"}, r"^dataset = 'mars' is no data set; give the folder data/<digest>"),
-        (
-            {"dataset": "mars"},
-            r"^dataset has layouts, vehicle and settings of its own; leave layouts, vehicle, data out\.$",
-        ),
+        ({"dataset": "mars"}, r"^dataset = 'mars' does not exist; give the folder data/<digest> of a store"),
+        ({"dataset": __file__}, r"^dataset = '.*test_agents\.py' is no data set; give the folder data/<digest>"),
         ({"members": 10**6, "model": {"hidden_size": 10**6}}, r"^train: members = 1000000, .* GiB of memory"),
     ],
 )
