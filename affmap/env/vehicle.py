@@ -109,8 +109,8 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 vehicles, or of a whole flight, `probe` cuts all of them at once.
 
         Raises:
-            ConfigError: no such file, or a value in it is not allowed.
-            ValueError: an unknown render mode, a bad goal radius, or an obstacle in a start corner.
+            ConfigError: no such file, or a value in it is not allowed, or an obstacle is in a start corner.
+            ValueError: an unknown render mode, or a bad goal radius.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode = {render_mode!r} is not one of {self.metadata['render_modes']} or None.")
