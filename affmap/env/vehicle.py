@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
-from affmap.env.body import AnyVehicle
+from affmap.env.body import ROUNDING, AnyVehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
@@ -22,8 +22,6 @@ from affmap.settings.messages import format_value
 from affmap.view import PIXELS, view
 
 RENDER_FPS = 30
-ROUNDING = 1e-6
-"""Throttles at most this far outside [0, 1] are clipped: wrappers that scale actions compute in single precision."""
 
 
 class PlainSpec:
