@@ -1,9 +1,10 @@
-"""The number of PyTorch's threads, for a while (leaf)."""
+"""The number of PyTorch's threads, for a while."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from affmap.lazy import torch
+from affmap.settings.messages import ConfigError, format_value
 
 
 @contextmanager
@@ -14,10 +15,10 @@ def limited(number: int) -> Iterator[None]:
     longer the busier the cores are.
 
     Raises:
-        ValueError: the number is no whole number, or less than 1.
+        ConfigError: the number is no whole number, or less than 1.
     """
     if not isinstance(number, int) or number < 1:
-        raise ValueError(f"threads = {number!r} is not allowed; it should be a whole number, 1 or more.")
+        raise ConfigError(f"threads = {format_value(number)} is not allowed; give a whole number, 1 or more.")
     before = torch.get_num_threads()
     torch.set_num_threads(number)
     try:

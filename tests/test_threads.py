@@ -8,6 +8,7 @@ import torch
 
 import affmap
 from affmap.control.agent import Agent
+from affmap.settings import ConfigError
 from affmap.threads import limited
 
 
@@ -26,8 +27,8 @@ def test_the_number_is_put_back_after_an_error_too() -> None:
         1 // (torch.get_num_threads() - 2)
     assert torch.get_num_threads() == 3
     for wrong in (0, 1.5, "x"):
-        told = rf"^threads = {wrong!r} is not allowed; it should be a whole number, 1 or more\.$"
-        with pytest.raises(ValueError, match=told), limited(wrong):  # type: ignore[arg-type]
+        told = rf"^threads = {wrong!r} is not allowed; give a whole number, 1 or more\.$"
+        with pytest.raises(ConfigError, match=told), limited(wrong):  # type: ignore[arg-type]
             pass
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, Procedural
 from affmap.env.procedural import load as load_layout
-from affmap.settings import ConfigError
+from affmap.settings import ConfigError, check_folder
 from affmap.settings.messages import format_value
 
 
@@ -91,6 +92,20 @@ def whole(name: str, given: Any, least: int = 0) -> int:
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < least:
         raise ConfigError(f"{name} = {format_value(given)} is not allowed; give a whole number, {least} or more.")
     return int(given)
+
+
+def folder(given: Any) -> Path:
+    """The path of a folder that a call writes.
+
+    Raises:
+        ConfigError: it is no path, or cannot be used.
+    """
+    if not isinstance(given, str | Path):
+        raise ConfigError(f"folder = {format_value(given)} is not allowed; give a path, such as 'runs/mine'.")
+    try:
+        return check_folder(Path(given))
+    except ValueError as error:
+        raise ConfigError(f"folder = {format_value(str(given))} is not allowed: it {error}.") from None
 
 
 def streams(seeds: Sequence[int], runs: int, seed: int) -> list[tuple[int, ...]]:

@@ -157,8 +157,8 @@ def fly(
 
     Raises:
         ConfigError: it is no agent, or was trained with other channels; there is no such file; a number is not allowed;
-            or a start or a goal is outside of the arena or in an obstacle.
-        ValueError: there are no threads.
+            there are no threads; a start or a goal is outside of the arena or in an obstacle; or an obstacle stands in
+            a corner where runs start.
 
     Warns:
         UserWarning: the vehicle is another than the agent was trained with.

@@ -58,8 +58,7 @@ def evaluate(
 
     Raises:
         ConfigError: there is no such layout, or an agent was trained with other channels; or there are no agents, or
-            two layouts of one name.
-        ValueError: there are no threads.
+            two layouts of one name; or there are no threads; or an obstacle stands in a corner where runs start.
 
     Warns:
         UserWarning: the vehicle is another than an agent was trained with.

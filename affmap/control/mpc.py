@@ -15,6 +15,7 @@ from torch import Tensor
 
 from affmap.control.controller import Decision, Observation
 from affmap.control.settings import ControlSettings
+from affmap.env.body import ROUNDING
 from affmap.gaussian import Gaussian
 from affmap.model.transition import Carry
 from affmap.planning.objective import expected_free_energy, goal_std
@@ -48,7 +49,7 @@ class PlanningAgent(ABC):
         """Set the planner and the settings of control.
 
         Raises:
-            ConfigError: the planner is none.
+            ConfigError: the planner is none, or lacks a method.
         """
         if not is_planner(planner):
             raise ConfigError(
@@ -93,7 +94,8 @@ class PlanningAgent(ABC):
             The decisions, and the state for the next step.
 
         Raises:
-            ValueError: the planner's candidates or its plan have another shape or type.
+            ValueError: the planner's candidates or its plan have another shape or type, or an action that would be
+                executed is outside [0, 1].
         """
         objective = self.objective(observation, state.carry)
         num_problems, dtype, name = len(observation.position), observation.position.dtype, type(self.planner).__name__
@@ -113,9 +115,12 @@ class PlanningAgent(ABC):
             )
         plan, planner_state = planned
         _check(plan.actions, f"actions of the plan of {name}", (num_problems, "H", 4), dtype)
+        action = plan.actions[:, 0]
+        wrong = ~((action >= -ROUNDING) & (action <= 1 + ROUNDING))  # NaN, too
+        if wrong.any():
+            raise ValueError(f"the first action of a plan of {name} has {action[wrong][0]:g}; it should be in [0, 1].")
         with torch.no_grad():
             path = self.imagine(observation, plan.actions[:, None], state.carry)
-            action = plan.actions[:, 0]
             carry, delta = self.predict(observation, action, state.carry)
         return Decision(action, Gaussian(*(part[:, 0] for part in path)), delta), AgentState(planner_state, carry)
 

@@ -53,8 +53,8 @@ class Pilot:
         Each call computes with `threads` threads of PyTorch.
 
         Raises:
-            ConfigError: there is no such world, or the agent was trained with other channels.
-            ValueError: the agent has several members, or there are no threads.
+            ConfigError: there is no such world, or the agent was trained with other channels, or there are no threads.
+            ValueError: the agent has several members.
         """
         seeds = seeds_of(arguments.agent(agent))
         if len(seeds) != 1:

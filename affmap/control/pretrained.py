@@ -58,7 +58,7 @@ def load(
             says what there is.
         StoreError: the weights are corrupted.
     """
-    if not isinstance(source, str | Path):
+    if not isinstance(source, str | Path) or source == "":
         raise ConfigError(
             f"source = {format_value(source)} is not allowed; give a folder, or the name of an experiment, such as "
             "'exp1'."
@@ -70,9 +70,9 @@ def load(
     context_size, members = 8 if context_size is None else context_size, (0,) if members is None else members
     report = _report(source)
     record = manifest.read(report)
-    job = _job(record, report, context_size, layout, transition)
+    job = _job(record, report, source, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
-    stack, losses = _trained(report.parent / "store" / "train", job["train"], members)
+    stack, losses = _trained(report.parent / "store" / "train", source, job["train"], members)
     first = first_layout(config["control_layout"], members[0])
     with limited(threads):
         lookup = make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map])
@@ -91,13 +91,15 @@ def _members(given: Any) -> tuple[int, ...]:
     """Seeds of members.
 
     Raises:
-        ConfigError: they are none, or one is named twice.
+        ConfigError: they are no seeds, or there are none, or one is named twice.
     """
     seeds: list[Any] = [*given] if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else [None]
     if not all(isinstance(each, int | np.integer) and not isinstance(each, bool) for each in seeds):
         raise ConfigError(
             f"members = {format_value(given)} is not allowed; give the seeds of members, such as (0, 1, 2)."
         )
+    if not seeds:
+        raise ConfigError(f"members = {format_value(given)} is not allowed; give at least one seed, such as (0,).")
     if len({*seeds}) < len(seeds):
         raise ConfigError(f"members = {format_value(given)} names a member twice; give each seed once.")
     return tuple(int(seed) for seed in seeds)
@@ -185,31 +187,51 @@ def _report(source: str | Path) -> Path:
             f"the models of {source} are not here: an installed package has only some of {', '.join(experiments())}; "
             "a clone of the repository has all."
         )
+    folder, names = Path(source), ", ".join(experiments())
+    if not folder.exists():
+        raise ConfigError(f"{source} does not exist, and is none of the reference run's experiments, {names}.")
+    if saved.is_saved(folder):
+        raise ConfigError(
+            f"{source} is a saved agent, where an experiment is wanted; give the folder of its report, or one of the "
+            f"reference run's experiments, {names}."
+        )
+    if (folder / WEIGHTS).is_file():
+        raise ConfigError(
+            f"{source} has {WEIGHTS}, but {saved.AGENT} is missing, without which it is no saved agent; restore it."
+        )
     raise ConfigError(
-        f"{source} is neither the folder of an experiment's report nor one of the reference run's experiments, "
-        f"{', '.join(experiments())}."
+        f"{source} is neither the folder of an experiment's report, nor that of a saved agent, nor one of the "
+        f"reference run's experiments, {names}."
     )
 
 
 def _job(
-    record: Mapping[str, Any], report: Path, context_size: int, layout: str | None, transition: str | None
+    record: Mapping[str, Any],
+    report: Path,
+    source: str | Path,
+    context_size: int,
+    layout: str | None,
+    transition: str | None,
 ) -> dict[str, Any]:
-    """First setting with a context size and, unless None, a layout and a kind of transition model."""
+    """First setting with a context size and, unless None, a layout and a kind of transition model.
+
+    `source` is the user's name of the report.
+    """
     sizes = origin(report).context_sizes
     if not sizes:
-        raise ConfigError(f"{report} has no models: its store, {report.parent / 'store'}, is not there.")
+        raise ConfigError(f"{source} has no models: its store, {report.parent / 'store'}, is not there.")
     if context_size not in sizes:
         raise ConfigError(
-            f"{report} has models of the context sizes {sizes}, and none of {format_value(context_size)}."
+            f"{source} has models of the context sizes {sizes}, and none of {format_value(context_size)}."
         )
     layouts = list(dict.fromkeys(job["layout"] for job in record["jobs"]))
     if layout not in (None, *layouts):
-        raise ConfigError(f"{report} has flights in {', '.join(layouts)}, and none in {layout!r}.")
+        raise ConfigError(f"{source} has flights in {', '.join(layouts)}, and none in {layout!r}.")
     jobs = [job for job in record["jobs"] if job["context_size"] == context_size and layout in (None, job["layout"])]
     kinds = [_transition(record, job) for job in jobs]
     if transition not in (None, *kinds):
         raise ConfigError(
-            f"{report} has transition models of the kinds {', '.join(dict.fromkeys(kinds))}; none is {transition!r}."
+            f"{source} has transition models of the kinds {', '.join(dict.fromkeys(kinds))}; none is {transition!r}."
         )
     return next(job for job, kind in zip(jobs, kinds, strict=True) if transition in (None, kind))
 
@@ -220,7 +242,9 @@ def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
     return ModelSettings.checked(values, "the configuration of the models").transition.kind
 
 
-def _trained(store: Path, digests: Sequence[str], members: Sequence[int]) -> tuple[Stack, pd.DataFrame | None]:
+def _trained(
+    store: Path, source: str | Path, digests: Sequence[str], members: Sequence[int]
+) -> tuple[Stack, pd.DataFrame | None]:
     """Load members of a training, or of one of the trainings that its members were divided among.
 
     Their losses are None in an installed package, which has only the weights.
@@ -230,7 +254,7 @@ def _trained(store: Path, digests: Sequence[str], members: Sequence[int]) -> tup
         folder = store / digest
         config = check_file(folder, WEIGHTS)["config"]
         seeds = range(config["seed"], config["seed"] + config["members"])
-        if members and all(member in seeds for member in members):
+        if all(member in seeds for member in members):
             settings = ModelSettings.checked(config["model"], str(folder))
             whole = Stack(settings, len(config["training_layouts"][0]["channels"]), seeds)
             stack = restore(whole, folder / WEIGHTS).select([seeds.index(member) for member in members])
@@ -240,7 +264,7 @@ def _trained(store: Path, digests: Sequence[str], members: Sequence[int]) -> tup
             return stack, read_validation(folder, members)
         all_seeds += seeds
     raise ConfigError(
-        f"members = {[*members]} is not allowed: {store.parent.parent} has {all_seeds}"
+        f"members = {[*members]} is not allowed: {source} has {all_seeds}"
         f"{', and those of one job only can fly together' if len(digests) > 1 else ''}."
     )
 

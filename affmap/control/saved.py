@@ -7,7 +7,9 @@ renamed.
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings
 from affmap.env.body import Vehicle
 from affmap.model.lookup import AffordanceMap, ExactLookup, LookupSettings, make_lookup
@@ -16,8 +18,7 @@ from affmap.model.weights import WEIGHTS, copy, restore
 from affmap.model.weights import save as save_weights
 from affmap.planning.registry import AnyPlanner
 from affmap.results.files import VALIDATION, read_validation, write_validation
-from affmap.settings import ConfigError, Count, Line, Seed, Settings, check_folder
-from affmap.settings.messages import format_value
+from affmap.settings import ConfigError, Count, Line, Seed, Settings
 from affmap.store.files import guarded_read, read_json, replace_folder, sha256, write_json
 from affmap.store.provenance import has_valid_checksum, versions, with_checksum
 from affmap.store.stage import StoreError
@@ -46,17 +47,15 @@ class _Record(Settings):
 
 def save(agent: Agent, folder: str | Path) -> None:
     """Write an agent into a folder; see `Agent.save`."""
-    place = Path(folder)
-    try:
-        check_folder(place)
-    except ValueError as error:
-        raise ConfigError(f"folder = {format_value(str(folder))} is not allowed: it {error}.") from None
-    place = place.resolve()  # of a link
+    place = arguments.folder(folder).resolve()  # of a link
     _check_replaceable(place)
     record = _record(agent)
     new = place.with_name(f".{place.name}.new")
     shutil.rmtree(new, ignore_errors=True)
-    new.mkdir(parents=True)
+    try:
+        new.mkdir(parents=True)
+    except OSError as error:
+        raise ConfigError(f"{place} cannot be made ({error.strerror}); save the agent in another folder.") from None
     try:
         save_weights(copy(agent.stack), new / WEIGHTS)
         if agent.losses is not None:
@@ -84,7 +83,7 @@ def load(folder: Path, members: Sequence[int] | None = None) -> Agent:
     """
     record, stack = _read(folder)
     if members is not None:
-        if not members or not {*members} <= {*stack.seeds}:
+        if not {*members} <= {*stack.seeds}:
             raise ConfigError(f"members = {[*members]} is not allowed: {folder} has {[*stack.seeds]}.")
         stack = stack.select([stack.seeds.index(member) for member in members])
     losses = read_validation(folder, members) if (folder / VALIDATION).is_file() else None
@@ -95,19 +94,45 @@ def load(folder: Path, members: Sequence[int] | None = None) -> Agent:
 def _read(folder: Path) -> tuple[_Record, Stack]:
     """All of an agent but its losses, once every file of its folder is verified; see `load`."""
     path = folder / AGENT
-    try:
-        content = read_json(path)
-        intact = isinstance(content, dict) and has_valid_checksum(content)
-        digests = {name: sha256(folder / name) for name in FILES if name != AGENT and (folder / name).exists()}
-        intact = intact and content["files"] == digests
-    except (OSError, ValueError, KeyError):
-        intact = False
-    if not intact:
-        raise StoreError(f"{folder} is corrupted: {' or '.join(FILES)} is not as it was saved; restore it.")
+    content = _verified(folder)
     with guarded_read(path):
         values = content["agent"]
         record = _Record.checked({**values, "control": {"device": "cpu", **values["control"]}}, str(path))
         return record, restore(Stack(record.model, record.num_channels, record.seeds), folder / WEIGHTS)
+
+
+def _verified(folder: Path) -> dict[str, Any]:
+    """The content of `agent.json`.
+
+    Raises:
+        StoreError: a file is missing, cannot be read, or is not as it was saved; the message names it.
+    """
+    try:
+        content = _content(folder / AGENT)
+        actual = {name: sha256(folder / name) for name in FILES[1:] if (folder / name).exists()}
+    except OSError as error:
+        raise StoreError(f"{error.filename} cannot be read ({error.strerror}); restore it.") from None
+    for name in FILES[1:]:
+        if actual.get(name) != content["files"].get(name):
+            fault = "is not as it was saved" if name in actual else "is missing"
+            raise StoreError(f"{folder / name} {fault}; restore it.")
+    return content
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """The content of `agent.json`.
+
+    Raises:
+        OSError: it cannot be read.
+        StoreError: it is not as it was saved.
+    """
+    try:
+        content = read_json(path)
+    except ValueError:
+        content = None
+    if not isinstance(content, dict) or not has_valid_checksum(content) or not isinstance(content.get("files"), dict):
+        raise StoreError(f"{path} is not as it was saved; restore it.")
+    return content
 
 
 def _record(agent: Agent) -> _Record:

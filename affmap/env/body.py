@@ -15,6 +15,9 @@ from affmap.settings.changes import changed
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
 """`[4, 2]`, direction in which each throttle pushes: between the axes, counter-clockwise from the upper right."""
 
+ROUNDING = 1e-6
+"""Throttles at most this far outside [0, 1] are clipped: wrappers that scale actions compute in single precision."""
+
 MIN_RADIUS = 0.01
 """u, twice Box2D's slop, by which things may overlap: vehicles of up to one slop fly right through borders."""
 

@@ -193,17 +193,17 @@ class Layout(Arena):
         """Make sure that a vehicle of `radius` (u) can stand anywhere in the corner squares.
 
         Raises:
-            ValueError: an obstacle or a border reaches into one of them.
+            ConfigError: an obstacle or a border reaches into one of them.
         """
         if self.start_margin < radius:
-            raise ValueError(
+            raise ConfigError(
                 f"layout {self.name!r}: start_margin = {self.start_margin} is too small for a vehicle of radius "
                 f"{radius}; make it at least that."
             )
         for corner, index, gap in self._corner_gaps:
             if gap < radius:
                 (low, high), circle = self.corner(corner), self.circles[index]
-                raise ValueError(
+                raise ConfigError(
                     f"layout {self.name!r}: circles[{index}] (center {list(circle.center)}, radius {circle.radius}) "
                     f"blocks the start corner x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g} "
                     f"(start_margin = {self.start_margin}, start_side = {self.start_side}, size = {list(self.size)}): "

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
-from affmap.env.body import AnyVehicle
+from affmap.env.body import ROUNDING, AnyVehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
@@ -22,8 +22,6 @@ from affmap.settings.messages import format_value
 from affmap.view import PIXELS, view
 
 RENDER_FPS = 30
-ROUNDING = 1e-6
-"""Throttles at most this far outside [0, 1] are clipped: wrappers that scale actions compute in single precision."""
 
 
 class PlainSpec:
@@ -109,8 +107,8 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 vehicles, or of a whole flight, `probe` cuts all of them at once.
 
         Raises:
-            ConfigError: no such file, or a value in it is not allowed.
-            ValueError: an unknown render mode, a bad goal radius, or an obstacle in a start corner.
+            ConfigError: no such file, or a value in it is not allowed, or an obstacle is in a start corner.
+            ValueError: an unknown render mode, or a bad goal radius.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode = {render_mode!r} is not one of {self.metadata['render_modes']} or None.")

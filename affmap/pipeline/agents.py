@@ -34,10 +34,12 @@ from affmap.pipeline.train import make_models, trained
 from affmap.progress import reported, silent
 from affmap.random import generator
 from affmap.results.files import read_validation
-from affmap.settings import ConfigError, Settings, check_folder, lies_in
+from affmap.results.setting import STAGES
+from affmap.settings import ConfigError, Settings, lies_in
 from affmap.settings.changes import Changes, changed
 from affmap.settings.messages import format_value
 from affmap.store.attempt import Attempt
+from affmap.store.files import is_left_behind
 from affmap.store.stage import check
 from affmap.threads import limited
 
@@ -88,13 +90,14 @@ def train(
         lookup: changes of the agent's look-up; see `affmap.LookupSettings`.
         planner: changes of its planner, or the name of another, such as `gradient`.
         control: changes of its control, such as `{"beta": 10}`; see `affmap.ControlSettings`.
-        folder: of the data set and the models. The same call finds them there again, and resumes a training that was
-            interrupted; a sweep with this folder as its `store` does, too. Without it, only the agent remains.
+        folder: of the data set and the models, and of nothing else; it may be new. The same call finds them there
+            again, and resumes a training that was interrupted; a sweep with this folder as its `store` does, too.
+            Without it, only the agent remains.
         progress: whether progress and loss are shown.
         threads: of PyTorch, for the duration of the call.
 
     Raises:
-        ConfigError: a value is not allowed, or there is no such file or data set.
+        ConfigError: a value is not allowed; there is no such file or data set; or `folder` holds something else.
         MachineError: there is no GPU, and `training` asks for one.
         StoreError: a file in `folder` is corrupted, or was made with other versions of packages.
     """
@@ -115,10 +118,11 @@ def train(
         values["members"] = members
     existing: Path | Arrays | None = None
     if isinstance(dataset, str | Path):
-        if not (layouts is None and vehicle is None and data is None):
-            raise ConfigError("dataset has layouts, vehicle and settings of its own; leave layouts, vehicle, data out.")
         existing = Path(dataset)
         values |= datasets.origin(existing)
+        given = {"layouts": layouts, "vehicle": vehicle, "data": data}
+        if second := [key for key, value in given.items() if value is not None]:
+            raise ConfigError(f"dataset has {', '.join(second)} of its own; leave {', '.join(second)} out.")
     else:
         if dataset is not None and layouts is None:
             raise ConfigError(
@@ -133,7 +137,7 @@ def train(
             _override(values, groups, "data", "num_sequences", "dataset", num_sequences // len(explored))
             _override(values, groups, "data", "num_steps", "dataset", num_steps)
     with TemporaryDirectory() as temporary, limited(threads), displayed(reported if progress else silent):
-        config = _config(values, Path(temporary, "store") if folder is None else Path(folder))
+        config = _config(values, Path(temporary, "store") if folder is None else _store(folder))
         stage = _train(config, existing, Path(temporary))
         stack, losses = trained(config, stage), read_validation(stage)
         map_of_first = make_lookup(config.lookup, stack, [config.training_layouts[0].map])
@@ -196,20 +200,33 @@ def _layouts(layouts: AnyLayout | Sequence[AnyLayout] | None, worlds: int, seed:
     return every
 
 
+def _store(folder: str | Path) -> Path:
+    """The folder of a call's data set and models: a store, or one that becomes a store.
+
+    Raises:
+        ConfigError: it cannot be used, or holds something else.
+    """
+    store = arguments.folder(folder)
+    named = f"folder = {format_value(str(store))}"
+    if store.exists() and not store.is_dir():
+        raise ConfigError(f"{named} is a file; give another folder.")
+    if lies_in(store, reference()):
+        raise ConfigError(f"{named} is of the reference run; give a folder of your own.")
+    there = sorted(path.name for path in store.iterdir()) if store.exists() else []
+    if strangers := [name for name in there if name not in STAGES and not is_left_behind(name)]:
+        raise ConfigError(
+            f"{named} has {strangers[0]}, which is of no data set and no models; give a folder of their own, which may "
+            "be new."
+        )
+    return store
+
+
 def _config(values: Mapping[str, Any], store: Path) -> Config:
     """The configuration of a job that trains the models of a call.
 
     Raises:
         ConfigError: a value is not allowed.
     """
-    try:
-        check_folder(store)
-    except ValueError as error:
-        raise ConfigError(f"folder = {format_value(str(store))} is not allowed: it {error}.") from None
-    if store.exists() and not store.is_dir():
-        raise ConfigError(f"folder = {format_value(str(store))} is a file; give another folder.")
-    if lies_in(store, reference()):
-        raise ConfigError(f"folder = {format_value(str(store))} is of the reference run; give a folder of your own.")
     # The stages of other commands lie elsewhere; none of these folders is made.
     places = {key: store.with_name(f"{store.name}-{key}") for key in ("output", "reference")}
     first = values["training_layouts"][0]

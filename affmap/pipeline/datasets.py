@@ -28,8 +28,9 @@ def origin(folder: Path) -> dict[str, Any]:
     """
     record = read(folder) if (folder / PROVENANCE).is_file() else {}
     if record.get("stage") != DATA.name:
+        fault = "is no data set" if folder.exists() else "does not exist"
         raise ConfigError(
-            f"dataset = {format_value(str(folder))} is no data set; give the folder data/<digest> of a store, such as "
+            f"dataset = {format_value(str(folder))} {fault}; give the folder data/<digest> of a store, such as "
             "runs/store, or arrays."
         )
     return dict(record["config"])

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeGuard
 import numpy as np
 
 from affmap.lazy import torch
+from affmap.settings import ConfigError
+from affmap.settings.messages import format_value
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -51,8 +53,18 @@ class Planner(Protocol):
 
 
 def is_planner(given: Any) -> TypeGuard[Planner]:
-    """Whether an object has the methods of a planner; a class is none."""
-    return not isinstance(given, type) and all(callable(getattr(given, name, None)) for name in ("initial", "plan"))
+    """Whether an object has the methods of a planner; a class is none.
+
+    Raises:
+        ConfigError: it has only one of them.
+    """
+    methods = ("initial", "plan")
+    missing = [name for name in methods if isinstance(given, type) or not callable(getattr(given, name, None))]
+    if len(missing) == 1:
+        raise ConfigError(
+            f"planner = {format_value(given)} has no method {missing[0]}; a planner has the methods initial and plan."
+        )
+    return not missing
 
 
 def evaluate(objective: Objective, actions: Tensor) -> Tensor:

@@ -36,14 +36,18 @@ def losses(table: Table | Agent, by: str | None = CONTEXT_SIZE.column, *, ax: Ax
     Args:
         table: a row for each value, member and epoch, with the columns `by`, `member`, `epoch` and `validation_nll`
             (nats). Or an agent, whose members are those of a single curve.
-        by: the column with a curve for each value; None for a single curve.
+        by: the column with a curve for each value; None for a single curve, as of a table without context sizes.
         ax: where to draw.
 
     Raises:
         ConfigError: there is no such table or column, or a curve would have several losses of a member at an epoch; or
             the losses of the agent are unknown.
     """
+    if isinstance(table, Runs):
+        raise ConfigError("runs have no losses; give the agent that has flown them, or its `losses`.")
     rows = _losses(table) if isinstance(table, Agent) else _read(table, "validation")
+    if by == CONTEXT_SIZE.column and by not in rows:
+        by = None
     rows = rows.assign(**{ALL: ALL}) if by is None else rows
     factor = _factor(by or ALL)
     one = [*dict.fromkeys([factor.column, "member", "epoch"])]

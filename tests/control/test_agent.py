@@ -157,6 +157,11 @@ def test_candidates_of_another_kind_are_told(candidates: Any, told: str) -> None
             r"^Own\.plan returned the type NoneType; it should return a tuple of a Plan and the state for the",
         ),
         (random_actions(2), r"^Own\.plan returned the type Tensor"),
+        (
+            (Plan(random_actions(B) + 1.25, torch.zeros(B)), 0),
+            r"^the first action of a plan of Own has [12]\.\d+; it should be in \[0, 1\]\.$",
+        ),
+        ((Plan(random_actions(B) * torch.nan, torch.zeros(B)), 0), r"^the first action of a plan of Own has nan; it"),
     ],
 )
 def test_a_plan_of_another_kind_is_told(returned: Any, told: str) -> None:

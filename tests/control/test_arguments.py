@@ -146,6 +146,17 @@ def test_something_else_than_a_planner_is_told(agent: Agent, given: Any) -> None
         Agent(agent.stack, agent.lookup, given, agent.settings)
 
 
+@pytest.mark.parametrize(("method", "missing"), [("initial", "plan"), ("plan", "initial")])
+def test_the_method_that_a_planner_lacks_is_named(agent: Agent, method: str, missing: str) -> None:
+    given = type("Half", (), {method: print, "horizon": 3})()
+    for use in (
+        lambda: Agent(agent.stack, agent.lookup, given, agent.settings),
+        lambda: affmap.load("exp1", planner=given),
+    ):
+        with pytest.raises(ConfigError, match=rf"^planner = <.*Half object .*> has no method {missing}; a planner has"):
+            use()
+
+
 def end(vehicle: affmap.Vehicle, flown: dict[str, np.ndarray]) -> np.ndarray:
     """The last positions of recorded actions, flown anew in environments with a vehicle."""
     ends = []

@@ -127,14 +127,20 @@ def test_an_agent_of_a_run_flies_what_the_run_has_recorded(ran: Path) -> None:
 
 def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
-        ({"source": "exp9"}, "exp9 is neither the folder of .* exp1, exp2, exp3, exp4, exp5"),
-        ({"source": ran}, "is neither the folder"),
+        ({"source": "exp9"}, r"^exp9 does not exist, and is none of .* exp1, exp2, exp3, exp4, exp5\.$"),
+        ({"source": "./nothing"}, r"^\./nothing does not exist, and is none of"),
+        ({"source": ran}, "is neither the folder of an experiment's report, nor that of a saved agent, nor one of"),
+        ({"source": ""}, r"^source = '' is not allowed; give a folder, or the name of an experiment"),
         ({"source": 3}, r"^source = 3 is not allowed; give a folder, or the name of an experiment, such as 'exp1'\.$"),
         ({"source": ran / "output", "context_size": "1"}, r"and none of '1'\.$"),
         ({"source": ran / "output", "context_size": 3}, r"has models of the context sizes \[0, 1\], and none of 3"),
         ({"source": ran / "output", "context_size": 1, "members": (0, 1)}, r"members = \[0, 1\] .* one job only"),
-        ({"source": "exp1", "members": (25,)}, r"members = \[25\] is not allowed"),
-        ({"source": "exp1", "members": ()}, r"members = \[\] is not allowed"),
+        ({"source": "exp1", "members": (25,)}, r"^members = \[25\] is not allowed: exp1 has \[0, 1, "),
+        (
+            {"source": "exp1", "members": ()},
+            r"^members = \(\) is not allowed; give at least one seed, such as \(0,\)\.$",
+        ),
+        ({"source": "exp1", "context_size": 4}, r"^exp1 has models of the context sizes \[0, 1, 3, 5, 8\], and none"),
         ({"source": "exp1", "members": 3}, r"^members = 3 is not allowed; give the seeds .* such as \(0, 1, 2\)\.$"),
         ({"source": "exp1", "members": "all"}, r"^members = 'all' is not allowed; give the seeds"),
         ({"source": "exp1", "members": (0.5,)}, r"^members = \(0\.5,\) is not allowed; give the seeds"),

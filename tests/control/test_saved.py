@@ -1,6 +1,7 @@
 """Saved agents: bit by bit against those that were saved; files that were changed; folders that are no saved agents."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 import torch
 
 import affmap
-from affmap.control import saved
+from affmap.control import pretrained, saved
 from affmap.control.agent import Agent
 from affmap.model.lookup import AffordanceMap, ExactLookup, LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
@@ -98,7 +99,7 @@ def test_losses_come_back(tmp_path: Path) -> None:
     ("options", "told"),
     [
         ({"members": [3, 4]}, r"^members = \[3, 4\] is not allowed: .*mine has \[3, 7\]\.$"),
-        ({"members": []}, r"^members = \[\] is not allowed"),
+        ({"members": []}, r"^members = \[\] is not allowed; give at least one seed"),
         ({"context_size": 8}, r"has models of the context size 2, none of 8\.$"),
         ({"transition": "gru"}, r"has transition models of the kind mlp; none is 'gru'\.$"),
         ({"layout": "original"}, r"'original' has channels \['solid'\], and the agent was trained with"),
@@ -144,6 +145,28 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("")
     with pytest.raises(ConfigError, match="mine is a file, and stays as it is"):
         make().save(tmp_path / "mine")
+
+
+def test_an_agent_without_its_record_is_told(tmp_path: Path) -> None:
+    """Weights alone are no agent; and a saved agent is no experiment."""
+    make().save(tmp_path / "mine")
+    with pytest.raises(ConfigError, match=r"mine is a saved agent, where an experiment is wanted; give the folder"):
+        pretrained.origin(tmp_path / "mine")
+    (tmp_path / "mine" / saved.AGENT).unlink()
+    with pytest.raises(ConfigError, match=r"mine has weights\.safetensors, but agent\.json is missing"):
+        affmap.load(tmp_path / "mine")
+
+
+@pytest.mark.parametrize(
+    ("folder", "told"),
+    [
+        (3, r"^folder = 3 is not allowed; give a path, such as 'runs/mine'\.$"),
+        ("/proc/mine", r"^/proc/mine cannot be made \(.*\); save the agent in another folder\.$"),
+    ],
+)
+def test_a_place_where_nothing_can_be_made_is_told(folder: Any, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        make().save(folder)
 
 
 class Own(MLP):
@@ -193,7 +216,20 @@ def test_damage_is_told(name: str, damage: str, tmp_path: Path) -> None:
     place = content.rindex(b"3")
     changed = content[:place] + b"4" + content[place + 1 :]
     path.write_bytes({"cut": content[:-2], "changed": changed, "empty": b"", "other": b"[]"}[damage])
-    with pytest.raises(StoreError, match=r"mine is corrupted: agent\.json or .* or validation\.csv is not as it was"):
+    with pytest.raises(StoreError, match=rf"mine/{re.escape(name)} is not as it was saved; restore it\.$"):
+        affmap.load(tmp_path / "mine")
+
+
+@pytest.mark.parametrize("name", [WEIGHTS, VALIDATION])
+def test_a_missing_or_unreadable_file_is_named(name: str, tmp_path: Path) -> None:
+    agent = make()
+    agent.losses = LOSSES
+    agent.save(tmp_path / "mine")
+    (tmp_path / "mine" / name).unlink()
+    with pytest.raises(StoreError, match=rf"mine/{re.escape(name)} is missing; restore it\.$"):
+        affmap.load(tmp_path / "mine")
+    (tmp_path / "mine" / name).mkdir()
+    with pytest.raises(StoreError, match=rf"mine/{re.escape(name)} cannot be read \(Is a directory\); restore it\.$"):
         affmap.load(tmp_path / "mine")
 
 

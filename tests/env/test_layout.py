@@ -118,14 +118,14 @@ def test_a_missing_key_of_a_circle_is_named(key: str) -> None:
 def test_a_blocked_start_corner_is_named(center: list[float], square: str) -> None:
     """Golden parts: layout, circle, its values, which corner, and what would be right."""
     layout = original(circles=[circle(), circle(center=center)])
-    with pytest.raises(ValueError, match="blocks the start corner") as caught:
+    with pytest.raises(ConfigError, match="blocks the start corner") as caught:
         layout.check_corners(0.06)
     wanted = ["layout 'original'", "circles[1]", str(center), "radius 0.2", square, "at least 0.06 away"]
     assert [part for part in wanted if part not in str(caught.value)] == []
 
 
 def test_a_margin_smaller_than_the_vehicle_is_named() -> None:
-    with pytest.raises(ValueError, match=r"start_margin = 0\.05 .* radius 0\.06; make it at least that"):
+    with pytest.raises(ConfigError, match=r"start_margin = 0\.05 .* radius 0\.06; make it at least that"):
         original(start_margin=0.05).check_corners(0.06)
 
 
@@ -245,7 +245,7 @@ def test_corners_are_refused_where_and_only_where_a_vehicle_could_not_stand(layo
     places = np.stack([low + fraction * (high - low) for low, high in squares])
     coarse = layout.start_side / 40
     if not layout.is_free(places, radius).all():
-        with pytest.raises(ValueError, match="blocks the start corner"):
+        with pytest.raises(ConfigError, match="blocks the start corner"):
             layout.check_corners(radius)
     elif layout.start_margin >= radius + coarse and layout.is_free(places, radius + coarse).all():
         layout.check_corners(radius)
@@ -279,7 +279,7 @@ def test_an_obstacle_may_stand_just_a_radius_from_a_start_corner() -> None:
     obstacle = {"center": [0.75, 0.1875], "radius": 0.4375, "effect": "obstacle", "channel": "solid"}
     layout = Layout.load("layout", "original", start_margin=0.125, start_side=0.125, circles=[obstacle])
     layout.check_corners(0.0625)
-    with pytest.raises(ValueError, match=r"circles\[0\] .* blocks the start corner"):
+    with pytest.raises(ConfigError, match=r"circles\[0\] .* blocks the start corner"):
         layout.check_corners(0.0625 + 2**-20)
 
 

@@ -127,6 +127,8 @@ def test_another_training_on_the_same_data_set(swept: tuple[Path, Setting], tmp_
     agent = affmap.train(dataset=dataset, **rest, folder=tmp_path / "store")
     assert same(agent, affmap.train("original", **SETTINGS, folder=folder / "store"))
     assert [path.name for path in (tmp_path / "store").iterdir()] == ["train"]
+    with pytest.raises(ConfigError, match=r"^dataset has layouts, data of its own; leave layouts, data out\.$"):
+        affmap.train("original", dataset=dataset, **SETTINGS)
     (dataset / "dataset.npz").write_bytes(b"")
     with pytest.raises(StoreError, match="corrupted"):
         affmap.train(dataset=dataset, **rest)
@@ -327,13 +329,11 @@ def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config
         ({"layouts": ["original", "fog"]}, r"'fog' has channels"),
         ({"worlds": 0}, r"^worlds = 0 is not allowed; give a whole number, 1 or more\.$"),
         ({"folder": "~/x"}, r"^folder = '~/x' is not allowed: it should not begin with ~"),
+        ({"folder": 3}, r"^folder = 3 is not allowed; give a path, such as 'runs/mine'\.$"),
         ({"folder": __file__}, r"^folder = '.*test_agents\.py' is a file; give another folder\.$"),
         ({"folder": agents.reference() / "store"}, r"is of the reference run; give a folder of your own\.$"),
-        ({"layouts": None, "dataset": "mars"}, r"^dataset = 'mars' is no data set; give the folder data/<digest>"),
-        (
-            {"dataset": "mars"},
-            r"^dataset has layouts, vehicle and settings of its own; leave layouts, vehicle, data out\.$",
-        ),
+        ({"dataset": "mars"}, r"^dataset = 'mars' does not exist; give the folder data/<digest> of a store"),
+        ({"dataset": __file__}, r"^dataset = '.*test_agents\.py' is no data set; give the folder data/<digest>"),
         ({"members": 10**6, "model": {"hidden_size": 10**6}}, r"^train: members = 1000000, .* GiB of memory"),
     ],
 )
@@ -341,6 +341,19 @@ def test_a_mistake_is_told(options: dict[str, Any], told: str) -> None:
     """Before anything is made."""
     with pytest.raises(ConfigError, match=told):
         affmap.train(**{"layouts": "original", **options})
+
+
+def test_a_folder_with_something_else_stays_as_it_is(swept: tuple[Path, Setting], tmp_path: Path) -> None:
+    """A saved agent; this repository's `conf`. What file managers leave is nothing else."""
+    affmap.train("original", **SETTINGS, folder=swept[0] / "store").save(tmp_path / "mine")
+    before = [*tmp_path.rglob("*")]
+    for folder, name in ((tmp_path / "mine", r"agent\.json"), (Path(__file__).parents[2] / "conf", r"agent")):
+        with pytest.raises(ConfigError, match=rf"^folder = '.*' has {name}, .* give a folder of their own, which may"):
+            affmap.train("original", **SETTINGS, folder=folder)
+    assert [*tmp_path.rglob("*")] == before
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new/.DS_Store").touch()
+    affmap.train("original", **SETTINGS, folder=tmp_path / "new")
 
 
 def test_the_loss_is_shown(swept: tuple[Path, Setting], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -87,7 +87,7 @@ def test_help_comes_without_other_words() -> None:
         (["--steps", "0"], "--steps 0 should be 1 or more"),
         (["--context-size", "4"], "none of 4"),
         (["--world", "mars"], "conf/layout/mars.yaml does not exist"),
-        (["exp9"], "exp9 is neither"),
+        (["exp9"], "exp9 does not exist"),
         (["exp1", "--world", "fog"], "'fog' has channels"),
     ],
 )

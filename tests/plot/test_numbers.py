@@ -70,9 +70,9 @@ def test_curves_may_stand_for_words_or_for_one_training() -> None:
     assert texts(ax) == ["two obstacles", "fog"]
     assert [to_hex(line.get_color()).upper() for line in ax.get_legend().get_lines()] == [*GROUP_COLORS[:2]]
     one = make_losses()[["member", "epoch", "validation_nll"]][:4]
-    ax = affmap.plot.losses(one, by=None, ax=axes())
-    assert [list(line.get_ydata()) for line in ax.lines if len(line.get_xdata()) == 2] == [[-1, -2]]
-    assert texts(ax) == [] and ax.get_title("left") == ""
+    for ax in (affmap.plot.losses(one, by=None, ax=axes()), affmap.plot.losses(one, ax=axes())):
+        assert [list(line.get_ydata()) for line in ax.lines if len(line.get_xdata()) == 2] == [[-1, -2]]
+        assert texts(ax) == [] and ax.get_title("left") == ""
 
 
 def test_a_curve_never_mixes_trainings() -> None:
@@ -170,6 +170,8 @@ def test_runs_are_drawn_as_their_table() -> None:
     assert medians(affmap.plot.boxes(runs, "mean_distance", by="member", ax=axes())) == pytest.approx(expected)
     with pytest.raises(ConfigError, match="no column 'context_size'; it has member, run"):
         affmap.plot.boxes(runs, "mean_distance")
+    with pytest.raises(ConfigError, match=r"^runs have no losses; give the agent that has flown them, or its `losses`"):
+        affmap.plot.losses(runs)
 
 
 def test_wrong_tables_are_told_in_a_sentence() -> None:
