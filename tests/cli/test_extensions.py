@@ -185,6 +185,17 @@ def test_a_package_that_is_damaged_is_told_with_its_version(work: Path, monkeypa
     assert jobs(work)[0].planner.kind == "cem"
 
 
+@pytest.mark.parametrize("names", ["nosuch", "re,nosuch"])
+def test_a_module_that_cannot_be_imported_is_told_before_anything_runs(
+    work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], names: str
+) -> None:
+    """Although the sweep itself needs none of them."""
+    monkeypatch.setenv("AFFMAP_IMPORT", names)
+    assert in_process(monkeypatch, "affmap", line(work)) == 2
+    assert "importing 'nosuch' failed with ModuleNotFoundError" in capsys.readouterr().err
+    assert not (work / "store").exists() and not (work / "output").exists()
+
+
 def test_a_stored_file_imports_nothing(
     work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
