@@ -155,6 +155,11 @@ def told(folder: Path, *overrides: str) -> str:
             "agent=still",
             r"importing 'uneven' failed with SyntaxError: .*\(uneven\.py, line 2\); correct the name",
         ),
+        (
+            "shelve",
+            "agent=still",
+            r"another module 'shelve', .*/python3\..*/shelve\.py, which hides .*/work/shelve\.py; rename yours",
+        ),
     ],
 )
 def test_a_name_that_is_not_known_is_told(
@@ -167,6 +172,7 @@ def test_a_name_that_is_not_known_is_told(
     (work / "again/__init__.py").write_text(
         "import affmap\naffmap.register_metric('reached', affmap.Metric('reached', 'share', 'reached', print))\n"
     )
+    (work / "shelve.py").touch()
     monkeypatch.setenv("AFFMAP_IMPORT", names)
     messages = told(work, override).splitlines()  # of a layout with two such circles: two
     assert messages and all(re.search(sentence, message) for message in messages)
