@@ -297,19 +297,37 @@ def read(group: str, name: str) -> dict[str, Any]:
     """The plain content of `conf/<group>/<name>.yaml`, of the package or of the current folder; not to be changed.
 
     Raises:
-        ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is too
-            large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
+        ConfigError: there is no such file or group, and the message lists those there are; or it holds no keys; or it
+            is too large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
     """
-    if not re.fullmatch(NAME, name) or name.endswith(".yaml"):
-        raise ConfigError(
-            f"{format_value(name)} cannot be the name of a file in conf/{group}, which is given without folder and "
-            f"ending; {alternatives(Path(name).stem, names(group), f'conf/{group} holds')}"
-        )
-    if not (path := find(group, name)):
-        holds = alternatives(name, names(group), f"conf/{group} holds")
-        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; {holds}")
+    if not _is_name(name) or not (path := find(group, name)):
+        raise ConfigError(_without_file(group, name))
     status = path.stat()
     return _read(path, f"conf/{group}/{name}.yaml", (status.st_mtime_ns, status.st_size))
+
+
+def _groups() -> list[str]:
+    """Folders of files, in all configuration folders."""
+    paths = (path.relative_to(each) for each in folders() for path in each.glob("*/**/*.yaml"))
+    return sorted({path.parent.as_posix() for path in paths})
+
+
+def _is_name(name: str) -> bool:
+    return re.fullmatch(NAME, name) is not None and not name.endswith(".yaml")
+
+
+def _without_file(group: str, name: str) -> str:
+    """A sentence about a file that cannot be read: its group or itself does not exist, or its name is none."""
+    if not (listed := names(group)):
+        return f"there is no group {format_value(group)} in conf; {alternatives(group, _groups())}"
+    if _is_name(name):
+        return f"conf/{group}/{name}.yaml does not exist; {alternatives(name, listed, f'conf/{group} holds')}"
+    if name in listed:
+        return f"conf/{group}/{name}.yaml needs a name of letters, digits, _, - and .; rename the file."
+    return (
+        f"{format_value(name)} cannot be the name of a file in conf/{group}, which is given without folder and ending; "
+        f"{alternatives(Path(name).stem, listed, f'conf/{group} holds')}"
+    )
 
 
 @lru_cache(maxsize=1024)

@@ -139,6 +139,20 @@ def test_a_path_is_no_name_of_a_file(conf: Path, name: str) -> None:
         Cart.load("cart", name)
 
 
+def test_a_file_whose_name_cannot_be_given_is_to_be_renamed(conf: Path) -> None:
+    (conf / "cart" / "My Cart.yaml").write_text(GOOD)
+    with pytest.raises(ConfigError, match=r"^conf/cart/My Cart\.yaml needs a name of letters, .*; rename the file\.$"):
+        Cart.load("cart", "My Cart")
+
+
+def test_a_group_that_does_not_exist_is_told_with_those_there_are(conf: Path) -> None:
+    (conf / "boat" / "small").mkdir(parents=True)
+    (conf / "boat" / "small" / "dinghy.yaml").write_text("oars: 2\n")
+    with pytest.raises(ConfigError) as caught:
+        Cart.load("crat", "good")
+    assert str(caught.value) == "there is no group 'crat' in conf; did you mean cart? There are: boat/small, cart."
+
+
 def test_each_wrong_value_has_a_sentence_of_its_own() -> None:
     """Golden text; pydantic's own exception is not shown behind it."""
     with pytest.raises(ConfigError) as caught:
