@@ -120,12 +120,16 @@ class Settings(BaseModel):
         cls.__doc__ = _with_keys(cls.__doc__ or "", {key: each.description for key, each in cls.model_fields.items()})
         cls.__signature__ = _LazySignature()  # type: ignore[assignment]  # pydantic's has neither types nor defaults
 
-    def __init__(self, /, **values: Any) -> None:
+    def __init__(self, /, *unnamed: Any, **values: Any) -> None:
         """Set all keys; those that are not given are read from the class's file, if it has one.
 
         Raises:
-            ConfigError: one sentence for each value that is not allowed, and for each key that is missing or unknown.
+            ConfigError: one sentence for each value that is not allowed, and for each key that is missing or unknown;
+                or a value has no key.
         """
+        if unnamed:
+            value, keys = format_value(unnamed[0]), ", ".join(f"{key}=" for key in type(self).model_fields)
+            raise ConfigError(f"{type(self).__name__} takes its values by name; {value} has none. There are: {keys}.")
         if type(self).model_fields.keys() - values.keys():
             values = {**self._defaults(), **values}
         with self._explained(values, origin=type(self).__name__):

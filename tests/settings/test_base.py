@@ -139,6 +139,12 @@ def test_a_path_is_no_name_of_a_file(conf: Path, name: str) -> None:
         Cart.load("cart", name)
 
 
+def test_a_value_without_its_key_is_told_with_the_keys() -> None:
+    with pytest.raises(ConfigError) as caught:
+        Wheel(0.5)  # type: ignore[call-arg]
+    assert str(caught.value) == "Wheel takes its values by name; 0.5 has none. There are: radius=."
+
+
 def test_a_file_whose_name_cannot_be_given_is_to_be_renamed(conf: Path) -> None:
     (conf / "cart" / "My Cart.yaml").write_text(GOOD)
     with pytest.raises(ConfigError, match=r"^conf/cart/My Cart\.yaml needs a name of letters, .*; rename the file\.$"):
