@@ -97,7 +97,7 @@ class Arena(Settings):
         return self
 
     @classmethod
-    def load(cls, group: str, name: str, /, **changes: Any) -> Self:
+    def load(cls, group: str, name: str = "", /, **changes: Any) -> Self:
         """Read `conf/<group>/<name>.yaml`, see `Settings.load`.
 
         Raises:

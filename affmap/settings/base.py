@@ -189,13 +189,16 @@ class Settings(BaseModel):
         return self.model_dump(mode="json", context=_COMPLETE)
 
     @classmethod
-    def load(cls, group: str, name: str, /, **changes: Any) -> Self:
+    def load(cls, group: str, name: str = "", /, **changes: Any) -> Self:
         """Settings of `conf/<group>/<name>.yaml`, with some values replaced by `changes`.
 
         Raises:
-            ConfigError: there is no such file, or a value is not allowed.
+            ConfigError: there is no such file, or its name is missing, or a value is not allowed.
         """
         call = f"{cls.__name__}.load"
+        if not name:
+            example = 'affmap.Layout.load("layout", "original")'
+            raise ConfigError(f"{call} takes a group of conf and the name of a file in it, such as {example}.")
         origins = dict.fromkeys([*changes, ""], call) if changes else {}  # "" is of checks of several keys
         return cls.checked({**read(group, name), **changes}, f"conf/{group}/{name}.yaml", origins)
 

@@ -145,6 +145,11 @@ def test_a_value_without_its_key_is_told_with_the_keys() -> None:
     assert str(caught.value) == "Wheel takes its values by name; 0.5 has none. There are: radius=."
 
 
+def test_a_file_without_its_group_is_told_with_an_example() -> None:
+    with pytest.raises(ConfigError, match=r"^Cart\.load takes a group of conf and the name of a file in it, such as "):
+        Cart.load("good")
+
+
 def test_a_file_whose_name_cannot_be_given_is_to_be_renamed(conf: Path) -> None:
     (conf / "cart" / "My Cart.yaml").write_text(GOOD)
     with pytest.raises(ConfigError, match=r"^conf/cart/My Cart\.yaml needs a name of letters, .*; rename the file\.$"):
