@@ -107,7 +107,7 @@ def test_objects_introduce_themselves_in_a_line() -> None:
     half = HalfOracle(agent, [world], affmap.Vehicle(), true_mean=True)
     runs = affmap.fly(agent, world)
     said = {
-        world: "Layout('four_properties', 3 x 2 u, circles: 1 obstacle, 1 fog, 1 force_down, 1 force_up)",
+        world: "Layout('four_properties', 3 x 2 u, circles: obstacle (1), fog (1), force_down (1), force_up (1))",
         empty: "Layout('original', 3 x 2 u, circles: none)",
         load("procedural_hard"): "Procedural('procedural_hard', 3 x 2 u, circles: 6 to 10 in all of obstacle, fog, "
         "force_up, force_down)",

@@ -157,7 +157,7 @@ class Layout(Arena):
     @property
     def _contents(self) -> str:
         effects = Counter(circle.effect for circle in self.circles)
-        return f"circles: {', '.join(f'{number} {effect}' for effect, number in effects.items()) or 'none'}"
+        return f"circles: {', '.join(f'{effect} ({number})' for effect, number in effects.items()) or 'none'}"
 
     @cached_property
     def map(self) -> VisibleLayout:
