@@ -19,7 +19,7 @@ from operator import or_
 from pathlib import Path
 from textwrap import fill
 from types import SimpleNamespace
-from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -91,7 +91,20 @@ def _text(kind: Any) -> _Unquoted:
     return _Unquoted(re.sub(r"\b[a-z]\w*\.", "", formatannotation(plain)))
 
 
-class Settings(BaseModel):
+if TYPE_CHECKING:  # a metaclass derived from pydantic's would hide the keys of a call from type checkers
+    from pydantic._internal._model_construction import ModelMetaclass as _SettingsType
+else:
+
+    class _SettingsType(type(BaseModel)):
+        """The class of settings classes, which lists their own members; `help` and completion end after these."""
+
+        def __dir__(self) -> list[str]:
+            """Public members, without those that only pydantic defines."""
+            kinds = [kind for kind in self.__mro__ if kind not in (BaseModel, object)]
+            return sorted({name for kind in kinds for name in vars(kind) if name[0] != "_"} - {"model_config"})
+
+
+class Settings(BaseModel, metaclass=_SettingsType):
     """Frozen, typed settings; unknown keys, NaN and infinities are errors.
 
     `class CEMPlanner(Settings, defaults="planner/cem")` names the file of `conf/` that a call in Python takes missing

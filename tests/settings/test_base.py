@@ -404,6 +404,7 @@ def test_help_describes_the_keys() -> None:
     assert inspect.getdoc(Wheel) in ("", None)
     shown = pydoc.render_doc(Car, renderer=pydoc.plaintext)
     assert "mass: float = 1.5" in shown and "engine: Its engine, which came later." in shown
+    assert "load(" in shown and "inherited from pydantic" not in shown and "__pydantic" not in shown
 
 
 def test_logs_show_text_from_files_as_text() -> None:
