@@ -18,11 +18,10 @@ two is imported first. Everything else is imported on first use.
 import os
 from typing import Any
 
-import lazy_loader
-
 from affmap.env.registration import register_when_needed
+from affmap.lazy import attach
 
-_import, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_import, __dir__, __all__ = attach(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:

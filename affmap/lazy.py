@@ -6,8 +6,12 @@ known here, so that they can show themselves in a notebook and know nothing of M
 `importlib.util.LazyLoader` does not serve: it puts torch into `sys.modules`, where SciPy finds it and so imports it.
 """
 
+from collections.abc import Callable
+from difflib import get_close_matches
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+import lazy_loader
 
 if TYPE_CHECKING:
     import torch as torch
@@ -28,3 +32,22 @@ else:
             return value
 
     torch, stats, notebook = _Library("torch"), _Library("scipy.stats"), _Library("affmap.plot.notebook")
+
+
+def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package, whose names are imported on first use.
+
+    Args:
+        package: its name.
+        file: its `__init__.py`; the stub beside it lists the names.
+    """
+    find, list_names, names = lazy_loader.attach_stub(package, file)
+
+    def get(name: str) -> Any:
+        if name in names:
+            return find(name)
+        near = get_close_matches(name, names, 1)
+        remedy = f"; did you mean {near[0]}?" if near else ""
+        raise AttributeError(f"module {package!r} has no attribute {name!r}{remedy}", name=name)
+
+    return get, list_names, names

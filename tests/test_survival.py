@@ -107,7 +107,7 @@ def test_two_sweeps_at_once_make_everything_once(undisturbed: Path, tmp_path: Pa
     assert [finish(process) for process in processes] == [0, 0], said(tmp_path)
     assert results(tmp_path) == results(undisturbed)
     assert said(tmp_path).count("exploration of original: 4 sequences") == 1
-    assert said(tmp_path).count("training of 1 members") == 2
+    assert said(tmp_path).count("training of 1 member,") == 2
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> Iterator[bytes | None]:

@@ -15,7 +15,7 @@ from affmap.pipeline.job import all_stages
 from affmap.report.build import Report
 from affmap.results import manifest
 from affmap.results.provenance import leaves
-from affmap.settings.messages import ConfigError, first_lines, printable
+from affmap.settings.messages import ConfigError, counted, first_lines, printable
 from affmap.store.provenance import circumstances, extensions_of, has_path, without_paths
 
 ABOUT = """\
@@ -146,7 +146,7 @@ def _check_search(search: Search) -> tuple[str, list[str]]:
     problems = manifest.problems(output)
     if not problems and not manifest.same_results(manifest.read(output), _make_search_report(search).record):
         problems = [f"{output} is the report of other trials."]
-    return f"{search.num_complete} trials", [*problems, ANEW] if problems else []
+    return counted(search.num_complete, "trial"), [*problems, ANEW] if problems else []
 
 
 def _check_sweep(sweep: Sweep) -> tuple[str, list[str]]:
@@ -171,4 +171,4 @@ def _check_sweep(sweep: Sweep) -> tuple[str, list[str]]:
     of_report = manifest.problems(output)
     if not of_stages and not of_report and not manifest.stage_digests(output) <= stages.keys():
         of_report = [f"{output} was made by other versions of the stages' rules."]
-    return f"{len(stages)} stages", [*of_stages, *of_report, *([ANEW] if of_report else [])]
+    return counted(len(stages), "stage"), [*of_stages, *of_report, *([ANEW] if of_report else [])]

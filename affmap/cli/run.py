@@ -38,7 +38,7 @@ from affmap.pipeline.machine import MachineError, check_devices, check_logger
 from affmap.pipeline.progress import follow
 from affmap.pipeline.stage import CONTROL, TRAIN
 from affmap.results.manifest import check_output
-from affmap.settings import ConfigError, folder
+from affmap.settings import ConfigError, extensions, folder
 from affmap.settings.messages import first_lines
 from affmap.store.files import check_locks, locked
 from affmap.store.stage import StoreError
@@ -71,6 +71,7 @@ def _check(arguments: list[str]) -> None:
 def _run(arguments: list[str]) -> None:
     if not arguments:
         raise ConfigError(help.SHORT)
+    extensions.load()  # the report needs all of them; whoever named one that is broken hears it before hours of work
     overrides = expand_folder(arguments)
     if other := OtherSearch.read(overrides):
         _run_other_search(other)

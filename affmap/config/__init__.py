@@ -1,5 +1,5 @@
 """A command line as checked jobs: composed by Hydra, typed, expanded. Opens no store."""
 
-import lazy_loader
+from affmap.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

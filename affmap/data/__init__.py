@@ -1,5 +1,5 @@
 """Data sets: exploration of the training layouts, and its sequences as batches for training."""
 
-import lazy_loader
+from affmap.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

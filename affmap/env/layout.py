@@ -97,7 +97,7 @@ class Arena(Settings):
         return self
 
     @classmethod
-    def load(cls, group: str, name: str, /, **changes: Any) -> Self:
+    def load(cls, group: str, name: str = "", /, **changes: Any) -> Self:
         """Read `conf/<group>/<name>.yaml`, see `Settings.load`.
 
         Raises:
@@ -157,7 +157,7 @@ class Layout(Arena):
     @property
     def _contents(self) -> str:
         effects = Counter(circle.effect for circle in self.circles)
-        return f"circles: {', '.join(f'{number} {effect}' for effect, number in effects.items()) or 'none'}"
+        return f"circles: {', '.join(f'{effect} ({number})' for effect, number in effects.items()) or 'none'}"
 
     @cached_property
     def map(self) -> VisibleLayout:

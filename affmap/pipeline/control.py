@@ -23,6 +23,7 @@ from affmap.random import generator
 from affmap.results import metrics
 from affmap.results.files import Trajectories, write_layouts, write_runs, write_trajectories
 from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, SPACING, Factor, Value
+from affmap.settings.messages import counted
 from affmap.store.attempt import Attempt
 
 
@@ -34,7 +35,7 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     controller = _controller(config, stack, lookup, layouts)
     num_runs = config.members * config.control.runs_per_member
     with track(
-        f"control, {label(config)}: {num_runs} runs", config.control.num_steps, "steps", attempt.progress
+        f"control, {label(config)}: {counted(num_runs, 'run')}", config.control.num_steps, "steps", attempt.progress
     ) as update:
         runs = control(controller, layouts, config.vehicle, config.control, config.seeds, update)
     values: dict[Factor, Value] = {

@@ -11,6 +11,7 @@ from affmap.pipeline.progress import track
 from affmap.pipeline.stage import TRAIN
 from affmap.results.provenance import leaves
 from affmap.results.setting import CONTEXT_SIZE, make_factor
+from affmap.settings.messages import counted
 from affmap.store.attempt import Attempt
 
 if TYPE_CHECKING:
@@ -24,8 +25,8 @@ def make_models(config: Config, data: Path, attempt: Attempt) -> None:
 
     batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
     num_trials = config.training.num_trials
-    trials = f"{num_trials} trials of " if num_trials else ""
-    description = f"training of {trials}{config.members} members, {config.model.name}"
+    trials = f"{counted(num_trials, 'trial')} of " if num_trials else ""
+    description = f"training of {trials}{counted(config.members, 'member')}, {config.model.name}"
     with track(description, config.training.num_epochs, "epochs", attempt.progress) as update:
 
         def on_epoch(epoch: int, validation_nll: float) -> None:

@@ -1,5 +1,5 @@
 """Flights to watch: in a window, and as films."""
 
-import lazy_loader
+from affmap.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -4,6 +4,6 @@ Each function draws on `ax`, or on the Axes of a new figure in the style of the 
 are pyplot's: notebooks show them, and scripts do by `plt.show()`. Settings of Matplotlib stay as they are.
 """
 
-import lazy_loader
+from affmap.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """Results: files of stages, tables, metrics, tests of claims, manifests of reports. Draws nothing."""
 
-import lazy_loader
+from affmap.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -19,7 +19,7 @@ from operator import or_
 from pathlib import Path
 from textwrap import fill
 from types import SimpleNamespace
-from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -91,7 +91,20 @@ def _text(kind: Any) -> _Unquoted:
     return _Unquoted(re.sub(r"\b[a-z]\w*\.", "", formatannotation(plain)))
 
 
-class Settings(BaseModel):
+if TYPE_CHECKING:  # a metaclass derived from pydantic's would hide the keys of a call from type checkers
+    from pydantic._internal._model_construction import ModelMetaclass as _SettingsType
+else:
+
+    class _SettingsType(type(BaseModel)):
+        """The class of settings classes, which lists their own members; `help` and completion end after these."""
+
+        def __dir__(self) -> list[str]:
+            """Public members, without those that only pydantic defines."""
+            kinds = [kind for kind in self.__mro__ if kind not in (BaseModel, object)]
+            return sorted({name for kind in kinds for name in vars(kind) if name[0] != "_"} - {"model_config"})
+
+
+class Settings(BaseModel, metaclass=_SettingsType):
     """Frozen, typed settings; unknown keys, NaN and infinities are errors.
 
     `class CEMPlanner(Settings, defaults="planner/cem")` names the file of `conf/` that a call in Python takes missing
@@ -120,12 +133,16 @@ class Settings(BaseModel):
         cls.__doc__ = _with_keys(cls.__doc__ or "", {key: each.description for key, each in cls.model_fields.items()})
         cls.__signature__ = _LazySignature()  # type: ignore[assignment]  # pydantic's has neither types nor defaults
 
-    def __init__(self, /, **values: Any) -> None:
+    def __init__(self, /, *unnamed: Any, **values: Any) -> None:
         """Set all keys; those that are not given are read from the class's file, if it has one.
 
         Raises:
-            ConfigError: one sentence for each value that is not allowed, and for each key that is missing or unknown.
+            ConfigError: one sentence for each value that is not allowed, and for each key that is missing or unknown;
+                or a value has no key.
         """
+        if unnamed:
+            value, keys = format_value(unnamed[0]), ", ".join(f"{key}=" for key in type(self).model_fields)
+            raise ConfigError(f"{type(self).__name__} takes its values by name; {value} has none. There are: {keys}.")
         if type(self).model_fields.keys() - values.keys():
             values = {**self._defaults(), **values}
         with self._explained(values, origin=type(self).__name__):
@@ -185,13 +202,16 @@ class Settings(BaseModel):
         return self.model_dump(mode="json", context=_COMPLETE)
 
     @classmethod
-    def load(cls, group: str, name: str, /, **changes: Any) -> Self:
+    def load(cls, group: str, name: str = "", /, **changes: Any) -> Self:
         """Settings of `conf/<group>/<name>.yaml`, with some values replaced by `changes`.
 
         Raises:
-            ConfigError: there is no such file, or a value is not allowed.
+            ConfigError: there is no such file, or its name is missing, or a value is not allowed.
         """
         call = f"{cls.__name__}.load"
+        if not name:
+            example = 'affmap.Layout.load("layout", "original")'
+            raise ConfigError(f"{call} takes a group of conf and the name of a file in it, such as {example}.")
         origins = dict.fromkeys([*changes, ""], call) if changes else {}  # "" is of checks of several keys
         return cls.checked({**read(group, name), **changes}, f"conf/{group}/{name}.yaml", origins)
 
@@ -297,19 +317,37 @@ def read(group: str, name: str) -> dict[str, Any]:
     """The plain content of `conf/<group>/<name>.yaml`, of the package or of the current folder; not to be changed.
 
     Raises:
-        ConfigError: there is no such file, and the message lists those there are; or it holds no keys; or it is too
-            large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
+        ConfigError: there is no such file or group, and the message lists those there are; or it holds no keys; or it
+            is too large or not plain YAML, see `affmap.settings.plain_yaml`; or both folders have one.
     """
-    if not re.fullmatch(NAME, name) or name.endswith(".yaml"):
-        raise ConfigError(
-            f"{format_value(name)} cannot be the name of a file in conf/{group}, which is given without folder and "
-            f"ending; {alternatives(Path(name).stem, names(group), f'conf/{group} holds')}"
-        )
-    if not (path := find(group, name)):
-        holds = alternatives(name, names(group), f"conf/{group} holds")
-        raise ConfigError(f"conf/{group}/{name}.yaml does not exist; {holds}")
+    if not _is_name(name) or not (path := find(group, name)):
+        raise ConfigError(_without_file(group, name))
     status = path.stat()
     return _read(path, f"conf/{group}/{name}.yaml", (status.st_mtime_ns, status.st_size))
+
+
+def _groups() -> list[str]:
+    """Folders of files, in all configuration folders."""
+    paths = (path.relative_to(each) for each in folders() for path in each.glob("*/**/*.yaml"))
+    return sorted({path.parent.as_posix() for path in paths})
+
+
+def _is_name(name: str) -> bool:
+    return re.fullmatch(NAME, name) is not None and not name.endswith(".yaml")
+
+
+def _without_file(group: str, name: str) -> str:
+    """A sentence about a file that cannot be read: its group or itself does not exist, or its name is none."""
+    if not (listed := names(group)):
+        return f"there is no group {format_value(group)} in conf; {alternatives(group, _groups())}"
+    if _is_name(name):
+        return f"conf/{group}/{name}.yaml does not exist; {alternatives(name, listed, f'conf/{group} holds')}"
+    if name in listed:
+        return f"conf/{group}/{name}.yaml needs a name of letters, digits, _, - and .; rename the file."
+    return (
+        f"{format_value(name)} cannot be the name of a file in conf/{group}, which is given without folder and ending; "
+        f"{alternatives(Path(name).stem, listed, f'conf/{group} holds')}"
+    )
 
 
 @lru_cache(maxsize=1024)

@@ -44,8 +44,21 @@ def _load(names: str) -> None:
         )
     if names:
         sys.path += [folder for folder in (str(Path.cwd()),) if folder not in sys.path]  # last, so it hides nothing
+    origin = f"{VARIABLE} = {format_value(names)}"
     for name in filter(None, map(str.strip, names.split(","))):
-        _import(name, f"{VARIABLE} = {format_value(names)}", f"correct the name or the module, or unset {VARIABLE}")
+        _import(name, origin, f"correct the name or the module, or unset {VARIABLE}")
+        _check_own(name, origin)
+
+
+def _check_own(module: str, origin: str) -> None:
+    """Make sure that a module of the current folder is the one that was imported under its name."""
+    place, found = Path.cwd().joinpath(*module.split(".")), _source(module)
+    own = [path for path in (place / "__init__.py", place.with_suffix(".py")) if path.is_file()]
+    if own and not (found and any(path.samefile(found) for path in own)):
+        raise ConfigError(
+            f"{origin}: Python has another module {module!r}, {found or 'built in'}, which hides {own[0]}; "
+            "rename yours, here and there."
+        )
 
 
 def _import(module: str, origin: str, remedy: str) -> None:

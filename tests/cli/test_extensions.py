@@ -155,6 +155,11 @@ def told(folder: Path, *overrides: str) -> str:
             "agent=still",
             r"importing 'uneven' failed with SyntaxError: .*\(uneven\.py, line 2\); correct the name",
         ),
+        (
+            "shelve",
+            "agent=still",
+            r"another module 'shelve', .*/python3\..*/shelve\.py, which hides .*/work/shelve\.py; rename yours",
+        ),
     ],
 )
 def test_a_name_that_is_not_known_is_told(
@@ -167,6 +172,7 @@ def test_a_name_that_is_not_known_is_told(
     (work / "again/__init__.py").write_text(
         "import affmap\naffmap.register_metric('reached', affmap.Metric('reached', 'share', 'reached', print))\n"
     )
+    (work / "shelve.py").touch()
     monkeypatch.setenv("AFFMAP_IMPORT", names)
     messages = told(work, override).splitlines()  # of a layout with two such circles: two
     assert messages and all(re.search(sentence, message) for message in messages)
@@ -183,6 +189,17 @@ def test_a_package_that_is_damaged_is_told_with_its_version(work: Path, monkeypa
         "No module named 'no_such_module'; mend or uninstall the package."
     )
     assert jobs(work)[0].planner.kind == "cem"
+
+
+@pytest.mark.parametrize("names", ["nosuch", "re,nosuch"])
+def test_a_module_that_cannot_be_imported_is_told_before_anything_runs(
+    work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], names: str
+) -> None:
+    """Although the sweep itself needs none of them."""
+    monkeypatch.setenv("AFFMAP_IMPORT", names)
+    assert in_process(monkeypatch, "affmap", line(work)) == 2
+    assert "importing 'nosuch' failed with ModuleNotFoundError" in capsys.readouterr().err
+    assert not (work / "store").exists() and not (work / "output").exists()
 
 
 def test_a_stored_file_imports_nothing(

@@ -139,6 +139,31 @@ def test_a_path_is_no_name_of_a_file(conf: Path, name: str) -> None:
         Cart.load("cart", name)
 
 
+def test_a_value_without_its_key_is_told_with_the_keys() -> None:
+    with pytest.raises(ConfigError) as caught:
+        Wheel(0.5)  # type: ignore[call-arg]
+    assert str(caught.value) == "Wheel takes its values by name; 0.5 has none. There are: radius=."
+
+
+def test_a_file_without_its_group_is_told_with_an_example() -> None:
+    with pytest.raises(ConfigError, match=r"^Cart\.load takes a group of conf and the name of a file in it, such as "):
+        Cart.load("good")
+
+
+def test_a_file_whose_name_cannot_be_given_is_to_be_renamed(conf: Path) -> None:
+    (conf / "cart" / "My Cart.yaml").write_text(GOOD)
+    with pytest.raises(ConfigError, match=r"^conf/cart/My Cart\.yaml needs a name of letters, .*; rename the file\.$"):
+        Cart.load("cart", "My Cart")
+
+
+def test_a_group_that_does_not_exist_is_told_with_those_there_are(conf: Path) -> None:
+    (conf / "boat" / "small").mkdir(parents=True)
+    (conf / "boat" / "small" / "dinghy.yaml").write_text("oars: 2\n")
+    with pytest.raises(ConfigError) as caught:
+        Cart.load("crat", "good")
+    assert str(caught.value) == "there is no group 'crat' in conf; did you mean cart? There are: boat/small, cart."
+
+
 def test_each_wrong_value_has_a_sentence_of_its_own() -> None:
     """Golden text; pydantic's own exception is not shown behind it."""
     with pytest.raises(ConfigError) as caught:
@@ -379,6 +404,7 @@ def test_help_describes_the_keys() -> None:
     assert inspect.getdoc(Wheel) in ("", None)
     shown = pydoc.render_doc(Car, renderer=pydoc.plaintext)
     assert "mass: float = 1.5" in shown and "engine: Its engine, which came later." in shown
+    assert "load(" in shown and "inherited from pydantic" not in shown and "__pydantic" not in shown
 
 
 def test_logs_show_text_from_files_as_text() -> None:
