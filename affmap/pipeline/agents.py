@@ -138,7 +138,14 @@ def train(
             _override(values, groups, "data", "num_steps", "dataset", num_steps)
     with TemporaryDirectory() as temporary, limited(threads), displayed(reported if progress else silent):
         config = _config(values, Path(temporary, "store") if folder is None else _store(folder))
-        stage = _train(config, existing, Path(temporary))
+        try:
+            stage = _train(config, existing, Path(temporary))
+        except KeyboardInterrupt as error:
+            kept = (
+                f"{folder} keeps what is done: the same call resumes." if folder else "Nothing is kept without folder=."
+            )
+            error.add_note(f"affmap.train was interrupted. {kept}")
+            raise
         stack, losses = trained(config, stage), read_validation(stage)
         map_of_first = make_lookup(config.lookup, stack, [config.training_layouts[0].map])
         return Agent(stack, map_of_first, config.planner, config.control, config.channels, config.vehicle, losses)
