@@ -141,10 +141,8 @@ def train(
         try:
             stage = _train(config, existing, Path(temporary))
         except KeyboardInterrupt as error:
-            kept = (
-                f"{folder} keeps what is done: the same call resumes." if folder else "Nothing is kept without folder=."
-            )
-            error.add_note(f"affmap.train was interrupted. {kept}")
+            kept = f"{folder} keeps what is done: the same call resumes" if folder else "nothing is kept without a folder"
+            error.add_note(f"affmap.train was interrupted; {kept}.")
             raise
         stack, losses = trained(config, stage), read_validation(stage)
         map_of_first = make_lookup(config.lookup, stack, [config.training_layouts[0].map])
