@@ -141,7 +141,7 @@ def train(
         try:
             stage = _train(config, existing, Path(temporary))
         except KeyboardInterrupt as error:
-            kept = f"{folder} keeps what is done: the same call resumes" if folder else "nothing is kept without a folder"
+            kept = f"{folder} keeps its work: the same call resumes" if folder else "without folder= nothing is kept"
             error.add_note(f"affmap.train was interrupted; {kept}.")
             raise
         stack, losses = trained(config, stage), read_validation(stage)

@@ -112,7 +112,7 @@ def test_an_interrupted_call_is_resumed_by_the_same(
     with pytest.raises(KeyboardInterrupt) as stopped:
         affmap.train("original", **SETTINGS, folder=tmp_path)
     (note,) = stopped.value.__notes__
-    assert note == f"affmap.train was interrupted; {tmp_path} keeps what is done: the same call resumes."
+    assert note == f"affmap.train was interrupted; {tmp_path} keeps its work: the same call resumes."
     assert shown == [*(("sequences", number) for number in (1, 2, 3, 4)), ("epochs", 1)]
     shown.clear()
     monkeypatch.setattr(agents, "silent", display(-1))
