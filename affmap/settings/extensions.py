@@ -57,7 +57,7 @@ def _check_own(module: str, origin: str) -> None:
     if own and not (found and any(path.samefile(found) for path in own)):
         raise ConfigError(
             f"{origin}: Python has another module {module!r}, {found or 'built in'}, which hides {own[0]}; "
-            "rename yours, here and there."
+            f"rename your module, also in {VARIABLE}."
         )
 
 
@@ -65,7 +65,7 @@ def _import(module: str, origin: str, remedy: str) -> None:
     try:
         import_module(module)
     except Exception as error:
-        reason = one_line(f"{type(error).__name__}: {error}", 300)
+        reason = one_line(f"{type(error).__name__}: {error}", 300).rstrip(".")
         place = _place(error)
         raise ConfigError(f"{origin}: importing {module!r} failed{place} with {reason}; {remedy}.") from error
 
