@@ -203,7 +203,8 @@ def command(name: str, *arguments: str, edition: str = "new") -> Command:
     from affmap.cli import paper, publish, report, run, status
     from affmap.cli.app import read_jobs
     from affmap.cli.report import Report
-    from affmap.config.sweep import complete, replace_experiment
+    from affmap.config.overrides import replace_experiment
+    from affmap.config.sweep import complete
     from affmap.experiments import ROOMS
     from affmap.experiments.paper import report as papers
     from affmap.pipeline.job import all_stages
