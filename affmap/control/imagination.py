@@ -52,7 +52,8 @@ def compiled_imagination(stack: Stack, lookup: Lookup) -> CompiledImagination | 
         return None
     if isinstance(lookup, AffordanceMap) and readable([lookup.codes]):
         return MapImagination(stack, lookup)
-    return ViewImagination(stack, lookup) if isinstance(lookup, ExactLookup) and stack.vision else None
+    plain = stack.vision is not None and stack.vision.encoder == "plain"
+    return ViewImagination(stack, lookup) if isinstance(lookup, ExactLookup) and plain else None
 
 
 class MapImagination:

@@ -1,6 +1,6 @@
 """Position or view -> context code in one pass of compiled code, without a cache of views."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from torch.nn.functional import pad
 from affmap import compiled
 from affmap.model.stack import Stack, num_changes, readable
 from affmap.model.vision import VisionModel
-from affmap.view import VisibleLayout, for_compiled
+from affmap.view import PIXELS, VisibleLayout, for_compiled
 
 
 class Weights(NamedTuple):
@@ -36,13 +36,15 @@ class Weights(NamedTuple):
     """`[M, C]`"""
 
     @classmethod
-    def of(cls, vision: VisionModel) -> "Weights":
-        """Arrange the weights of a vision model."""
+    def of(cls, vision: VisionModel, channel: int | None = None) -> "Weights":
+        """Arrange the weights of a vision model, or of one that sees a single channel."""
         from affmap.compiled.direct import PICTURES
 
         pictures, pixels = (torch.arange(number, device="cpu") for number in (PICTURES, 9))
         is_set = (pictures[:, None] >> pixels & 1).float()
         features = is_set @ vision.conv1_weight.flatten(-2).permute(0, 2, 3, 1)  # [M, K, 512, q]
+        if channel is not None:
+            features[:, torch.arange(features.shape[1], device="cpu") != channel] = 0
         features[:, 0] += vision.conv1_bias[:, None]
         parts = (
             features.flatten(1, 2),
@@ -80,17 +82,19 @@ class DirectEncoder:
             return None
         from affmap.compiled.direct import codes_at
 
-        weights, scenes = self.weights(), [world.arrays[places.dtype] for world in worlds]
+        scenes = [world.arrays[places.dtype] for world in worlds]
         num_groups = num_members if len(scenes) == 1 else len(scenes)
         places = places.reshape(num_groups, len(places) // num_groups, 2)
-        codes = np.empty((*places.shape[:2], self._stack.context_size), np.float32)
-        if len(scenes) == 1:
-            codes_at(*scenes[0], *weights, places, codes)
-        else:
+
+        def compute(weights: Weights, codes: np.ndarray) -> None:
+            if len(scenes) == 1:
+                codes_at(*scenes[0], *weights, places, codes)
+                return
             for number, scene in enumerate(scenes):
                 own = weights.member(number * num_members // num_groups)
                 codes_at(*scene, *own, places[number, None], codes[number, None])
-        return torch.from_numpy(codes.reshape(*positions.shape[:-1], codes.shape[2]))
+
+        return self._encode(compute, places.shape[:2], positions.shape[:-1])
 
     @torch.no_grad()
     def of_views(self, views: Tensor) -> Tensor | None:
@@ -102,18 +106,50 @@ class DirectEncoder:
             return None
         from affmap.compiled.direct import codes_of
 
-        codes = views.new_empty(*views.shape[:2], self._stack.context_size, dtype=torch.float32)
-        codes_of(*self.weights(), views.contiguous().numpy(), codes.numpy())
-        return codes
+        pictures = views.contiguous().numpy()
+
+        def compute(weights: Weights, codes: np.ndarray) -> None:
+            codes_of(*weights, pictures, codes)
+
+        return self._encode(compute, views.shape[:2], views.shape[:2])
+
+    def _encode(
+        self, compute: Callable[[Weights, np.ndarray], None], grouped: Sequence[int], shape: Sequence[int]
+    ) -> Tensor:
+        """Codes `[*shape, C]`, from `compute`, which writes outputs of the last layer `[*grouped, C]`."""
+        self.weights()  # arranges those that changed
+        codes = np.empty((*grouped, self._stack.context_size), np.float32)
+        for weights, units in self._passes:
+            outputs = np.empty_like(codes)
+            compute(weights, outputs)
+            codes[..., units] = outputs[..., units]
+        result = torch.from_numpy(codes.reshape(*shape, codes.shape[-1]))
+        return (
+            result if self._empty is None else result - self._empty.view(-1, *[1] * (result.ndim - 2), codes.shape[-1])
+        )
 
     @torch.no_grad()
     def weights(self) -> Weights:
         """Present weights of a vision model on the CPU, rearranged after changes."""
         changes = num_changes(self._parameters)
         if changes != self._changes:
-            assert self._stack.vision is not None
-            self._weights, self._changes = Weights.of(self._stack.vision), changes
+            vision = self._stack.vision
+            assert vision is not None
+            self._weights, self._changes = Weights.of(vision), changes
+            self._passes = [(self._weights, slice(None))]
+            if vision.encoder == "channels":
+                self._passes = [(Weights.of(vision, channel), units) for channel, units in vision.units()]
+            self._empty = None if vision.encoder == "plain" else self._empty_code()
         return self._weights
+
+    def _empty_code(self) -> Tensor:
+        """`VisionModel.empty_code` by compiled code, in which a member has the same bits alone and among others."""
+        from affmap.compiled.direct import codes_of
+
+        size = len(self._stack.seeds), 1, self._stack.num_channels, PIXELS, PIXELS
+        codes = np.empty((*size[:2], self._stack.context_size), np.float32)
+        codes_of(*self._weights, np.zeros(size, bool), codes)
+        return torch.from_numpy(codes[:, 0])
 
     def _readable(self) -> bool:
         """Whether there is a vision model whose weights compiled code can read."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from pydantic import PlainValidator
 
-from affmap.settings import Settings, preset
+from affmap.settings import Count, Neutral, NonNegative, Settings, preset
 from affmap.settings.registry import Registry, S
 
 if TYPE_CHECKING:  # torch takes seconds to import
@@ -30,7 +30,10 @@ def register_transition(settings: type[S]) -> type[S]:
 
 
 class TransitionSettings(Protocol):
-    """Settings of a kind of transition model, a file of `conf/model/transition`."""
+    """Settings of a kind of transition model, a file of `conf/model/transition`.
+
+    One that needs other codes than the paper's derives its class from `CodeSettings`.
+    """
 
     @property
     def kind(self) -> str:
@@ -48,8 +51,31 @@ class TransitionSettings(Protocol):
         ...
 
 
+Encoder = Literal["plain", "centered", "channels"]
+"""Kind of codes of a view, see `affmap.model.vision`."""
+
+
+class CodeSettings(Settings):
+    """Codes that a transition model asks for: their encoder, and terms of the training loss that shape them."""
+
+    encoder: Annotated[Encoder, Neutral("plain")] = preset()
+    """Codes of views: plain, as in the paper; centered, less the code of the empty view; or channels, each channel
+    encoded by itself into units of its own."""
+    paste: Annotated[NonNegative, Neutral(0.0)] = preset()
+    """Weight of the condition that the code of two views laid over each other is the sum of their codes."""
+    effect_std: Annotated[NonNegative, Neutral(0.0)] = preset()
+    """Standard deviation of a Gaussian prior on the effect of a code on the mean, u/step; 0 for no prior."""
+    penalty: Annotated[NonNegative, Neutral(0.0)] = preset()
+    """Weight of a penalty for large and for dependent units of the codes: L1 and total correlation."""
+
+    @property
+    def has_terms(self) -> bool:
+        """Whether the training loss has terms besides the likelihood."""
+        return bool(self.paste or self.effect_std or self.penalty)
+
+
 @register_transition
-class MLPSettings(Settings, defaults="model/transition/mlp"):
+class MLPSettings(CodeSettings, defaults="model/transition/mlp"):
     """The paper's multilayer perceptron, which has no hidden state (`conf/model/transition/mlp.yaml`)."""
 
     kind: Literal["mlp"] = preset()
@@ -62,7 +88,7 @@ class MLPSettings(Settings, defaults="model/transition/mlp"):
 
 
 @register_transition
-class GRUSettings(Settings, defaults="model/transition/gru"):
+class GRUSettings(CodeSettings, defaults="model/transition/gru"):
     """A gated recurrent unit (`conf/model/transition/gru.yaml`)."""
 
     kind: Literal["gru"] = preset()
@@ -72,6 +98,38 @@ class GRUSettings(Settings, defaults="model/transition/gru"):
         from affmap.model.gru import GRU
 
         return GRU(generators, context_size, hidden_size, delta_scale)
+
+
+@register_transition
+class EffectsSettings(CodeSettings):
+    """Free motion and effects of blocks of the code (`conf/model/transition/additive.yaml`, `split.yaml`)."""
+
+    kind: Literal["additive", "split"]
+    """Whether all effects start from free motion, or blocks act in turn on the motion that others changed."""
+    block_size: Count
+    """Units of the code in a block."""
+
+    def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
+        """Draw the initial weights, see `TransitionSettings.make`; a quarter of the hidden units for each part."""
+        from affmap.model.effects import Effects
+
+        units = max(1, hidden_size // 4)
+        return Effects(generators, context_size, delta_scale, units, self.block_size, in_turn=self.kind == "split")
+
+
+@register_transition
+class HyperSettings(CodeSettings, defaults="model/transition/hyper"):
+    """A perceptron whose weights are linear in the code (`conf/model/transition/hyper.yaml`)."""
+
+    kind: Literal["hyper"] = preset()
+    rank: Count = preset()
+    """Rank of the change of each layer."""
+
+    def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
+        """Draw the initial weights, see `TransitionSettings.make`; half of the hidden units."""
+        from affmap.model.hyper import Hyper
+
+        return Hyper(generators, context_size, delta_scale, max(1, hidden_size // 2), self.rank)
 
 
 def _choose(values: Any) -> Any:

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from affmap.model.registry import MLP_SETTINGS, AnyTransition
+from affmap.model.registry import MLP_SETTINGS, AnyTransition, CodeSettings
 from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, Settings, preset
 from affmap.view import EXTENT
 
@@ -22,6 +22,11 @@ class ModelSettings(Settings, defaults="model/default"):
     """Factor on the change of position, for inputs and predictions."""
     transition: Annotated[AnyTransition, Neutral(MLP_SETTINGS)] = preset()
     """The kind of transition model, a file of `conf/model/transition`."""
+
+    @property
+    def code(self) -> CodeSettings:
+        """The codes that the transition model asks for; those of the paper, unless its settings say otherwise."""
+        return self.transition if isinstance(self.transition, CodeSettings) else MLP_SETTINGS
 
     @property
     def name(self) -> str:

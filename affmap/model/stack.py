@@ -46,7 +46,8 @@ class Stack(nn.Module):
         generators = [torch.Generator().manual_seed(integer(seed, "initial weights")) for seed in seeds]
         self._make = transition or settings.transition.make
         self.transition = self._make(generators, context_size, settings.hidden_size, settings.delta_scale)
-        self.vision = VisionModel(generators, num_channels, context_size) if context_size > 0 else None
+        encoder = settings.code.encoder
+        self.vision = VisionModel(generators, num_channels, context_size, encoder) if context_size > 0 else None
 
     def __repr__(self) -> str:
         members, kind = counted(len(self.seeds), "member"), type(self.transition).__name__

@@ -1,6 +1,7 @@
 """The transition model: context code, last change of position and action -> Gaussian over the next change.
 
-`TransitionModel` is the interface of all kinds, `MLP` the paper's model; `affmap.model.gru` holds the recurrent one.
+`TransitionModel` is the interface of all kinds, `MLP` the paper's model. `affmap.model.gru` holds the recurrent one,
+`affmap.model.effects` and `affmap.model.hyper` those whose codes compose.
 
 It works in scaled units on both sides (Appendix A scales its inputs; its predictions are scaled back outside), so
 that inputs and targets are of the order of 1. It knows nothing of positions, views or goals.
@@ -47,6 +48,23 @@ class TransitionModel(nn.Module, ABC):
         """
 
 
+class Memoryless(TransitionModel):
+    """Base class of transition models without a hidden state, which need no more than `step`."""
+
+    def initial(self, num_sequences: int = 1) -> Carry:
+        """Empty carry, because there is no hidden state."""
+        return ()
+
+    def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
+        """Predict along recorded sequences, see `TransitionModel.unroll`.
+
+        Without a hidden state the steps do not depend on each other, and all are computed at once.
+        """
+        parts = (part.expand(len(code), -1, -1, -1).flatten(1, 2) for part in (code, delta, action))
+        carry, prediction = self.step()(carry, *parts)
+        return carry, Gaussian(*(part.unflatten(1, code.shape[1:-1]) for part in prediction))
+
+
 class Step:
     """One step of M multilayer perceptrons, as a function with fixed weights.
 
@@ -76,7 +94,7 @@ class Step:
         return carry, Gaussian(mean.mT, log_std.mT)
 
 
-class MLP(TransitionModel):
+class MLP(Memoryless):
     """M multilayer perceptrons side by side (Section 4.2: the hidden state of the paper is dropped)."""
 
     def __init__(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> None:
@@ -99,10 +117,6 @@ class MLP(TransitionModel):
         self.output_factor: Tensor
         self.output_shift: Tensor
 
-    def initial(self, num_sequences: int = 1) -> Carry:
-        """Empty carry, because there is no hidden state."""
-        return ()
-
     def step(self) -> Step:
         """Step function with constants folded into its weights; renew it after updates.
 
@@ -112,12 +126,3 @@ class MLP(TransitionModel):
         hidden = self.hidden_weight * self.input_factor[:, None]
         bias = (self.output_bias - self.output_weight.sum(1)) * self.output_factor + self.output_shift
         return Step(hidden, (self.output_weight * (2 * self.output_factor)).mT, bias[..., None])
-
-    def unroll(self, carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
-        """Predict along recorded sequences, see `TransitionModel.unroll`.
-
-        Without a hidden state the steps do not depend on each other, and all are computed at once.
-        """
-        parts = (part.expand(len(code), -1, -1, -1).flatten(1, 2) for part in (code, delta, action))
-        carry, prediction = self.step()(carry, *parts)
-        return carry, Gaussian(*(part.unflatten(1, code.shape[1:-1]) for part in prediction))

@@ -2,6 +2,12 @@
 
 Convolution - tanh - max-pooling - convolution - linear - linear, tanh after each. It sees pictures only, and knows
 nothing of positions, motion or the world.
+
+Two variations beyond the paper prepare codes for transition models that add up effects (`affmap.model.effects`). Both
+measure codes from that of the empty view, so that free space has the code 0:
+
+- `centered` encodes the whole view, less the code of the empty view;
+- `channels` encodes each channel of the view by itself, with the same weights, into units of its own.
 """
 
 from __future__ import annotations
@@ -14,7 +20,8 @@ from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding
 
 from affmap.model.layers import Generators, StackedLinear, tanh, uniform
-from affmap.model.windows import PER_SIDE, Windows
+from affmap.model.registry import Encoder
+from affmap.model.windows import PER_SIDE, Windows, empty_view
 
 
 class Sizes(NamedTuple):
@@ -84,9 +91,12 @@ def _take(columns: Tensor, ids: Tensor) -> Tensor:
 class VisionModel(nn.Module):
     """M vision models side by side."""
 
-    def __init__(self, generators: Generators, num_channels: int, context_size: int) -> None:
-        """Draw the weights of M models for views of `num_channels` (K) channels."""
+    def __init__(
+        self, generators: Generators, num_channels: int, context_size: int, encoder: Encoder = "plain"
+    ) -> None:
+        """Draw the weights of M models for views of `num_channels` (K) channels; `encoder` see above."""
         super().__init__()
+        self.encoder = encoder
         channels, hidden = sizes(context_size)
         self.conv1_weight = uniform(generators, (channels, num_channels, 3, 3), num_channels * 9)
         self.conv1_bias = uniform(generators, (channels,), num_channels * 9)
@@ -105,17 +115,33 @@ class VisionModel(nn.Module):
                 with at least one more axis.
 
         Returns:
-            `[M, ..., C]`, each in (-1, 1).
+            `[M, ..., C]`, each in (-1, 1), or in (-2, 2) where codes are measured from that of the empty view.
         """
-        codes = self._encode_distinct(windows)  # [M, C, D]
+        if self.encoder == "channels":
+            passes = (self._encode_distinct(windows.only(channel))[:, units] for channel, units in self.units())
+            codes = torch.cat(list(passes), dim=1)
+        else:
+            codes = self._encode_distinct(windows)  # [M, C, D]
+        if self.encoder != "plain":
+            codes = codes - self.empty_code()[..., None]
         if len(windows.ids) == 1:
             return _take(codes, windows.ids[0]).movedim(1, -1)
         first = torch.arange(len(codes), device=codes.device) * codes.shape[-1]
         rows = windows.ids + first.view(-1, *[1] * (windows.ids.ndim - 1))
         return embedding(rows, codes.mT.flatten(0, 1))
 
+    def units(self) -> list[tuple[int, slice]]:
+        """Each of K channels with the units of the code that `channels` gives it: C / K of them, rounded."""
+        num_channels, context_size = self.conv1_weight.shape[2], self.linear2.bias.shape[1]
+        ends = [channel * context_size // num_channels for channel in range(num_channels + 1)]
+        return [(channel, slice(*ends[channel : channel + 2])) for channel in range(num_channels)]
+
+    def empty_code(self) -> Tensor:
+        """Output of the last layer for an empty view, `[M, C]`."""
+        return self._encode_distinct(empty_view(self.conv1_weight))[..., 0]
+
     def _encode_distinct(self, windows: Windows) -> Tensor:
-        """Codes of the D distinct views, `[M, C, D]`."""
+        """Outputs of the last layer for the D distinct views, `[M, C, D]`."""
         features = _take(self._window_features(windows), windows.window_ids.T).flatten(1, 2)  # [M, 16 q, D]
         # On 4 x 4 inputs the second convolution is one product with a dense matrix [M, 8 q, 16 q].
         dense = self.dense_convolution().permute(0, 1, 4, 2, 3).reshape(len(features), -1, features.shape[1])

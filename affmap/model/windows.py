@@ -40,6 +40,19 @@ class Windows(NamedTuple):
         windows, window_ids = self.window_ids.index_select(0, views).unique(return_inverse=True)
         return Windows(ids, window_ids, self.patch_ids.index_select(0, windows), self.patches)
 
+    def only(self, channel: int) -> "Windows":
+        """The same views with all channels empty but one."""
+        patches = torch.zeros_like(self.patches)
+        patches[:, 9 * channel : 9 * channel + 9] = self.patches[:, 9 * channel : 9 * channel + 9]
+        return self._replace(patches=patches)
+
+
+def empty_view(like: Tensor) -> Windows:
+    """A view without anything in it, `[1]`; its K channels and its device are those of a kernel `[..., K, 3, 3]`."""
+    patch = like.new_zeros(1, like.shape[-3] * 9)
+    ids, window_ids, patch_ids = (patch.new_zeros(1, num, dtype=torch.int64) for num in (1, PER_SIDE**2, 9))
+    return Windows(ids, window_ids, patch_ids, patch)
+
 
 def take_apart(views: Tensor) -> Windows:
     """Find the distinct views, windows and patches in `views` `[..., K, 11, 11]` bool.

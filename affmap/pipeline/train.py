@@ -23,16 +23,19 @@ def make_models(config: Config, data: Path, attempt: Attempt) -> None:
     from affmap.data.batches import DataModule  # Lightning takes seconds to import
     from affmap.training.fit import fit
 
-    batches = DataModule(data / DATASET, config.data, config.training.batch_size, config.training.chunk_length)
-    num_trials = config.training.num_trials
+    training = config.training
+    batches = DataModule(
+        data / DATASET, config.data, training.batch_size, training.chunk_length, pasted=config.model.code.paste > 0
+    )
+    num_trials = training.num_trials
     trials = f"{counted(num_trials, 'trial')} of " if num_trials else ""
     description = f"training of {trials}{counted(config.members, 'member')}, {config.model.name}"
-    with track(description, config.training.num_epochs, "epochs", attempt.progress) as update:
+    with track(description, training.num_epochs, "epochs", attempt.progress) as update:
 
         def on_epoch(epoch: int, validation_nll: float) -> None:
             update(epoch, f"validation {validation_nll:.2f} nats")
 
-        fit(untrained(config), batches, config.training, attempt.folder, attempt.scratch, on_epoch, _board(config))
+        fit(untrained(config), batches, training, attempt.folder, attempt.scratch, on_epoch, _board(config))
 
 
 def _board(config: Config) -> "Board | None":

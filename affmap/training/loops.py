@@ -24,7 +24,8 @@ from affmap.training.settings import PerTrial
 
 def usable(stack: Stack) -> bool:
     """Whether compiled loops are enabled and support a stack: the paper's models, on a CPU."""
-    return type(stack.transition) is MLP and readable(stack.parameters()) and compiled.enabled()
+    plain = stack.vision is None or stack.vision.encoder == "plain"
+    return type(stack.transition) is MLP and plain and readable(stack.parameters()) and compiled.enabled()
 
 
 def losses(stack: Stack, batch: Batch) -> Tensor:

@@ -14,18 +14,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import lightning
 import torch
 from torch import Tensor, nn
 
 from affmap.data.batches import Batch
-from affmap.gaussian import nll
+from affmap.gaussian import Gaussian, nll
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
 from affmap.training import loops
+from affmap.training.composition import composition_gap, effect_prior, total_correlation
 from affmap.training.settings import PerTrial, TrainingSettings
+
+
+class Predicted(NamedTuple):
+    """A batch and what M models say of it."""
+
+    batch: Batch
+    carry: Carry
+    """Hidden state before the batch."""
+    code: Tensor
+    """`[M, B, T, C]`"""
+    prediction: Gaussian
+    """Of `[M, B, T, 2]`, u/step."""
 
 
 class TrainingModule(lightning.LightningModule):
@@ -57,24 +70,56 @@ class TrainingModule(lightning.LightningModule):
 
     def loss(self, batch: Batch) -> Tensor:
         """Mean NLL of each member on a batch, `[M]` in nats."""
+        return nll(self._predict(batch).prediction, batch.target).mean((1, 2))
+
+    def _predict(self, batch: Batch) -> Predicted:
+        """Predict a batch, and keep the hidden state for the next one."""
         carry = self.stack.transition.initial(batch.action.shape[1]) if batch.is_first else self._carry
         code = self.stack.encode(batch.views)
-        carry, prediction = self.stack.transition.unroll(carry, code, batch.delta, batch.action)
-        self._carry = tuple(part.detach() for part in carry)
-        return nll(prediction, batch.target).mean((1, 2))
+        last, prediction = self.stack.transition.unroll(carry, code, batch.delta, batch.action)
+        self._carry = tuple(part.detach() for part in last)
+        return Predicted(batch, carry, code, prediction)
 
     def update(self, batch: Batch, optimizer: torch.optim.Optimizer) -> Tensor:
         """Make an update of all members; return their losses before it, `[M]` in nats."""
-        if loops.usable(self.stack):
+        if loops.usable(self.stack) and not self._has_terms:
             compute: Any = partial(loops.update, self.stack, batch, optimizer, [norm for _, _, norm in self._parts()])
             losses: Any = optimizer.step(compute)  # finds no gradients, and does nothing more than count
             return losses
-        losses = self.loss(batch)
-        losses.sum().backward()  # the gradient of each is what it would be alone
+        predicted = self._predict(batch)
+        losses = nll(predicted.prediction, batch.target).mean((1, 2))
+        total = losses + self._terms(predicted) if self._has_terms else losses
+        total.sum().backward()  # the gradient of each is what it would be alone
         self.configure_gradient_clipping(optimizer)
         optimizer.step()
         optimizer.zero_grad()
         return losses.detach()
+
+    @property
+    def _has_terms(self) -> bool:
+        """Whether the loss of an update has terms besides the likelihood."""
+        return self.stack.vision is not None and self.stack.settings.code.has_terms
+
+    def _terms(self, predicted: Predicted) -> Tensor:
+        """What is added to the loss of an update besides the likelihood, `[M]` in nats."""
+        settings, (batch, carry, code, prediction) = self.stack.settings.code, predicted
+        terms = code.new_zeros(len(code))
+        if settings.paste and batch.pasted is not None:
+            terms = terms + settings.paste * composition_gap(self.stack.encode(batch.pasted))
+        if settings.penalty:
+            terms = terms + settings.penalty * (code.abs().mean((1, 2, 3)) + total_correlation(code))
+        if settings.effect_std:
+            _, free = self.stack.transition.unroll(carry, torch.zeros_like(code), batch.delta, batch.action)
+            terms = terms + effect_prior(prediction.mean - free.mean, settings.effect_std)
+        return terms
+
+    def on_train_epoch_start(self) -> None:
+        """Set the learning rates of the epoch."""
+        optimizer = self.optimizers()
+        assert isinstance(optimizer, torch.optim.Optimizer)
+        factor = cooldown(self.current_epoch, self.settings.num_epochs, self.settings.cooldown)
+        for group, (_, lr, _) in zip(optimizer.param_groups, self._parts(), strict=True):
+            group["lr"] = factor * _common_rate(lr)
 
     def training_step(self, batches: Sequence[Batch], batch_index: int) -> None:
         """Make an update on each of the batches, in their order."""
@@ -105,10 +150,7 @@ class TrainingModule(lightning.LightningModule):
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """Adam with a parameter group for each sub-model; the learning rate is 1 where trials have their own."""
-        groups = [
-            {"params": list(part.parameters()), "lr": 1.0 if isinstance(lr, tuple) else lr}
-            for part, lr, _ in self._parts()
-        ]
+        groups = [{"params": list(part.parameters()), "lr": _common_rate(lr)} for part, lr, _ in self._parts()]
         optimizer = torch.optim.Adam(groups, betas=(0.9, 0.999), eps=self.settings.adam_eps, fused=True)
         for part, lr, _ in self._parts():
             if isinstance(lr, tuple):
@@ -135,6 +177,18 @@ class TrainingModule(lightning.LightningModule):
         if stack.vision is not None:
             parts.append((stack.vision, settings.vision_lr, settings.vision_max_norm))
         return parts
+
+
+def cooldown(epoch: int, num_epochs: int, share: float) -> float:
+    """Factor on the learning rates in an epoch (from 0): 1, and in the last `share` of the epochs falling to 0.1."""
+    length = share * num_epochs
+    passed = epoch + 1 - (num_epochs - length)
+    return 0.1 ** (passed / length) if passed > 0 and length > 0 else 1.0
+
+
+def _common_rate(lr: PerTrial) -> float:
+    """Learning rate of the optimiser; 1 where trials have their own."""
+    return 1.0 if isinstance(lr, tuple) else lr
 
 
 def clip_per_member(gradients: Sequence[Tensor], max_norm: float | Tensor) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Tag, model_validator
 
-from affmap.settings import Count, Positive, Settings, preset
+from affmap.settings import Count, Neutral, Positive, Settings, Share, preset
 
 
 def _kind(value: Any) -> str:
@@ -49,6 +49,8 @@ class TrainingSettings(Settings, defaults="training/default"):
     """Clipping norm of the transition model's gradient, per member."""
     adam_eps: Positive = preset()
     """Adam's epsilon."""
+    cooldown: Annotated[Share, Neutral(0.0)] = preset()
+    """Share of the epochs, the last ones, in which the learning rates fall exponentially to a tenth."""
     snapshot_epochs: tuple[Count, ...] = preset()
     """Epochs after which the weights are saved, beside the last epoch."""
     accelerator: Literal["cpu", "gpu", "auto"] = preset(exclude=True)

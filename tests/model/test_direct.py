@@ -9,6 +9,7 @@ from torch import Tensor
 from affmap import compiled
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import ExactLookup
+from affmap.model.registry import Encoder, MLPSettings
 from affmap.model.stack import ModelSettings, Stack
 from affmap.view import VisibleLayout, view
 
@@ -23,9 +24,10 @@ def world(num_channels: int = 1, shift: float = 0.0) -> VisibleLayout:
     return VisibleLayout((3.0, 2.0), num_channels, num_channels - 1, circles)
 
 
-def stack(context_size: int = 8, num_channels: int = 1) -> Stack:
+def stack(context_size: int = 8, num_channels: int = 1, encoder: Encoder = "plain") -> Stack:
     """Untrained; stretched, because codes of untrained models differ little between places."""
-    made = Stack(ModelSettings.load("model", "default", context_size=context_size), num_channels, SEEDS)
+    settings = ModelSettings(context_size=context_size, transition=MLPSettings(encoder=encoder))
+    made = Stack(settings, num_channels, SEEDS)
     if made.vision is not None:
         with torch.no_grad():
             for parameter in made.vision.parameters():
@@ -45,10 +47,13 @@ def places(*shape: int, seed: int = 0, dtype: torch.dtype = torch.float32) -> Te
     st.integers(1, 4),
     st.sampled_from([torch.float32, torch.float64]),
     st.integers(0, 1000),
+    st.sampled_from(["plain", "centered", "channels"]),
 )
-def test_codes_are_those_of_pytorch(context_size: int, num_channels: int, dtype: torch.dtype, seed: int) -> None:
-    """All widths of the vision model and more channels than one; within rounding, and places differ."""
-    whole, positions = stack(context_size, num_channels), places(3, 4, 20, seed=seed, dtype=dtype)
+def test_codes_are_those_of_pytorch(
+    context_size: int, num_channels: int, dtype: torch.dtype, seed: int, encoder: Encoder
+) -> None:
+    """All widths of the vision model, kinds of codes, more channels than one; within rounding, and places differ."""
+    whole, positions = stack(context_size, num_channels, encoder), places(3, 4, 20, seed=seed, dtype=dtype)
     codes = DirectEncoder(whole)([world(num_channels)], positions)
     with compiled.switched(False):
         expected = ExactLookup(whole, [world(num_channels)])(positions)
@@ -57,9 +62,10 @@ def test_codes_are_those_of_pytorch(context_size: int, num_channels: int, dtype:
     assert (codes.std(dim=(1, 2)) > 1e-3).any()
 
 
-def test_a_code_depends_on_nothing_else_that_is_looked_up() -> None:
+@pytest.mark.parametrize("encoder", ["plain", "centered", "channels"])
+def test_a_code_depends_on_nothing_else_that_is_looked_up(encoder: Encoder) -> None:
     """Each place alone and in worlds of each problem's own, bit for bit."""
-    whole, positions = stack(), places(3, 10)
+    whole, positions = stack(encoder=encoder), places(3, 10)
     encoder = DirectEncoder(whole)
     worlds = [world(shift=0.05 * number) for number in range(6)]  # two problems a member
     together, apart = encoder(worlds[:1], positions), encoder(worlds, positions)

@@ -6,6 +6,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d, linear, max_pool2d
 
 from affmap.env.layout import Layout
+from affmap.model.registry import Encoder
 from affmap.model.stack import ModelSettings, Stack
 from affmap.model.vision import VisionModel, sizes
 from affmap.model.windows import take_apart
@@ -15,9 +16,9 @@ CONTEXT_SIZES = [1, 3, 5, 8, 16, 32]
 CHANNELS = [1, 2, 3, 4]
 
 
-def vision(context_size: int, channels: int, members: int = 3) -> VisionModel:
+def vision(context_size: int, channels: int, members: int = 3, encoder: Encoder = "plain") -> VisionModel:
     generators = [torch.Generator().manual_seed(seed) for seed in range(members)]
-    return VisionModel(generators, channels, context_size)
+    return VisionModel(generators, channels, context_size, encoder)
 
 
 def real_views(count: int, channels: int, seed: int = 0) -> Tensor:
@@ -145,3 +146,56 @@ def test_there_is_no_vision_model_at_context_size_0() -> None:
     for members in (1, 2):
         views = torch.zeros(members, 4, 5, 1, 11, 11, dtype=torch.bool)
         assert stack.encode(take_apart(views)).shape == (2, 4, 5, 0)
+
+
+def test_centered_codes_are_plain_ones_less_that_of_the_empty_view() -> None:
+    """The same weights with `plain`; the empty view itself has the code 0."""
+    views = torch.cat([real_views(20, 3), torch.zeros(1, 3, 11, 11, dtype=torch.bool)])
+    plain = vision(8, 3).encode(take_apart(views[None]))
+    centered = vision(8, 3, encoder="centered").encode(take_apart(views[None]))
+    torch.testing.assert_close(centered, plain - plain[:, -1:])
+    assert (centered[:, -1].abs() < 1e-6).all() and (centered[:, 0].abs() > 1e-3).any()
+
+
+def test_each_channel_has_units_of_its_own() -> None:
+    """Plain codes of views that have one channel only; 8 units of 3 channels are 2, 3 and 3."""
+    views = real_views(20, 3)
+    model, plain = vision(8, 3, encoder="channels"), vision(8, 3)
+    codes = model.encode(take_apart(views[None]))
+    nothing = plain.encode(take_apart(torch.zeros_like(views)[None]))
+    assert [units for _, units in model.units()] == [slice(0, 2), slice(2, 5), slice(5, 8)]
+    for channel, units in model.units():
+        alone = torch.zeros_like(views)
+        alone[:, channel] = views[:, channel]
+        expected = (plain.encode(take_apart(alone[None])) - nothing)[..., units]
+        torch.testing.assert_close(codes[..., units], expected)
+        assert expected.any()
+
+
+def test_codes_of_channels_add_up() -> None:
+    """Views without a channel in common, laid over each other: the sum of their codes, whatever the weights are."""
+    views = real_views(20, 3)
+    first, second = views.clone(), views.flip(0)
+    first[:, 1:], second[:, 0] = False, False
+    model = vision(8, 3, encoder="channels")
+    one, other, both = (model.encode(take_apart(each[None])) for each in (first, second, first | second))
+    torch.testing.assert_close(both, one + other)
+
+
+@pytest.mark.parametrize("encoder", ["centered", "channels"])
+def test_gradients_of_other_codes_are_those_of_differences(encoder: Encoder) -> None:
+    """Numerical differences of the sum of all codes, in two weights of each layer."""
+    views = take_apart(real_views(5, 2)[None])
+    model = vision(4, 2, members=1, encoder=encoder).double()
+    views = views._replace(patches=views.patches.double())
+    model.encode(views).sum().backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad is not None
+        for place in (0, parameter.numel() - 1):
+            sums = []
+            for change in (-1e-5, 1e-5):
+                with torch.no_grad():
+                    parameter.view(-1)[place] += change
+                    sums.append(model.encode(views).sum())
+                    parameter.view(-1)[place] -= change
+            torch.testing.assert_close(parameter.grad.view(-1)[place], (sums[1] - sums[0]) / 2e-5, msg=name)

@@ -372,7 +372,8 @@ def test_every_file_with_a_class_gives_the_defaults_of_its_calls(monkeypatch: py
     from affmap.control import RandomAgent, StraightAgent  # noqa: F401
     from affmap.planning import CEMPlanner, GradientPlanner  # noqa: F401
 
-    kinds = [kind for kind in Settings.__subclasses__() if kind.__module__.startswith("affmap.") and kind._file]
+    derived = [each for kind in Settings.__subclasses__() for each in (kind, *kind.__subclasses__())]
+    kinds = [kind for kind in derived if kind.__module__.startswith("affmap.") and kind._file]
     chosen = [each for each in settings.read(".", "config")["defaults"] if isinstance(each, dict)]
     first = {f"{group}/{name}" for each in chosen for group, name in each.items()}
     without_class = {"experiment/None", "search/None", "models/train", "scale/full"}
