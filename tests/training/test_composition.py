@@ -3,8 +3,9 @@
 import math
 
 import torch
+from torch.distributions import Normal
 
-from affmap.training.composition import composition_gap, total_correlation
+from affmap.training.composition import composition_gap, effect_prior, total_correlation
 
 
 def test_the_gap_is_zero_where_codes_add_up_and_else_the_squared_distance() -> None:
@@ -27,3 +28,11 @@ def test_total_correlation_is_that_of_a_gaussian() -> None:
     actual = total_correlation(torch.stack([dependent, noise, constant]).view(3, 1000, 200, 2))
     expected = torch.tensor([-0.5 * math.log(1 - r**2), 0.0, 0.0])
     torch.testing.assert_close(actual, expected, atol=5e-3, rtol=0)
+
+
+def test_the_prior_is_that_of_a_normal_distribution() -> None:
+    """`torch.distributions.Normal`, without its constant: mean over steps of the sum over coordinates."""
+    effects = 0.2 * torch.randn(3, 4, 5, 2, generator=torch.Generator().manual_seed(0))
+    prior = Normal(0.0, 0.1)
+    expected = (prior.log_prob(torch.zeros(())) - prior.log_prob(effects)).sum(-1).mean((1, 2))
+    torch.testing.assert_close(effect_prior(effects, 0.1), expected)

@@ -11,11 +11,12 @@ from torch import Tensor
 from torch.distributions import Normal
 
 from affmap.data.batches import Batch
-from affmap.model.registry import GRUSettings, MLPSettings, TransitionSettings
+from affmap.model.registry import EffectsSettings, GRUSettings, MLPSettings, TransitionSettings
 from affmap.model.stack import ModelSettings, Stack
-from affmap.model.windows import take_apart
+from affmap.model.windows import Windows, take_apart
 from affmap.results.files import EVERYWHERE
-from affmap.training.module import TrainingModule, clip_per_member
+from affmap.training.composition import composition_gap, total_correlation
+from affmap.training.module import TrainingModule, clip_per_member, cooldown
 from affmap.training.settings import TrainingSettings
 from affmap.training.steps import step_losses, summarise
 
@@ -251,3 +252,61 @@ def test_a_training_step_is_an_update_on_each_of_its_batches(monkeypatch: pytest
     assert torch.equal(torch.stack(together._losses), torch.stack(expected))
     for mine, its in zip(together.stack.parameters(), one_by_one.stack.parameters(), strict=True):
         assert torch.equal(mine, its)
+
+
+TERMS = {"encoder": "centered", "paste": 0.5, "effect_std": 0.1, "penalty": 0.01}
+
+
+def pasted(seed: int = 3) -> Windows:
+    """Five pairs of views of one channel."""
+    views = torch.rand(1, 5, 2, 1, 11, 11, generator=torch.Generator().manual_seed(seed)) < 0.3
+    first, second = views.unbind(2)
+    return take_apart(torch.stack([first, second, first | second, torch.zeros_like(first)], dim=2))
+
+
+@pytest.mark.usefixtures("loops")
+@pytest.mark.parametrize("key", ["paste", "effect_std", "penalty"])
+def test_terms_of_codes_are_part_of_an_update_and_not_of_the_loss(key: str) -> None:
+    """The gradients of the likelihood plus the term by hand; the loss that is reported is the likelihood alone. All
+    models of the paper's kind, whose compiled loops know no terms."""
+    settings = MLPSettings.model_validate({"kind": "mlp", "encoder": "plain", "paste": 0.0, "effect_std": 0.0,
+                                           "penalty": 0.0, key: TERMS[key]})  # fmt: skip
+    trained, bare = module(transition=settings, transition_max_norm=1e9, vision_max_norm=1e9), module()
+    data = batch()._replace(pasted=pasted())
+    losses = trained.update(data, trained.configure_optimizers())
+    code = bare.stack.encode(data.views)
+    _, prediction = bare.stack.transition.unroll((), code, data.delta, data.action)
+    _, free = bare.stack.transition.unroll((), torch.zeros_like(code), data.delta, data.action)
+    assert data.pasted is not None
+    term = {
+        "paste": 0.5 * composition_gap(bare.stack.encode(data.pasted)),
+        "effect_std": 0.5 * ((prediction.mean - free.mean) / 0.1).square().sum(-1).mean((1, 2)),
+        "penalty": 0.01 * (code.abs().mean((1, 2, 3)) + total_correlation(code)),
+    }[key]
+    likelihood = bare.loss(data)
+    torch.testing.assert_close(losses, likelihood.detach())
+    (likelihood + term).sum().backward()
+    optimizer = bare.configure_optimizers()
+    optimizer.step()
+    for mine, theirs in zip(trained.stack.parameters(), bare.stack.parameters(), strict=True):
+        torch.testing.assert_close(mine, theirs)
+    assert (term.detach() > 0).all()
+
+
+def test_a_member_with_terms_is_trained_as_if_alone() -> None:
+    """Two updates with all terms, of three members and of the last of them."""
+    settings = EffectsSettings.load("model/transition", "split", **TERMS)
+    together, alone = module(8, transition=settings), module(8, (2,), transition=settings)
+    for trained in (together, alone):
+        optimizer = trained.configure_optimizers()
+        for seed in (0, 1):
+            trained.update(batch(seed=seed)._replace(pasted=pasted(seed)), optimizer)
+    for whole, single in zip(together.stack.parameters(), alone.stack.parameters(), strict=True):
+        torch.testing.assert_close(whole[2:], single)
+
+
+def test_learning_rates_cool_down_over_the_last_epochs() -> None:
+    """By hand: ten epochs, the last four at 10^(-1/4), 10^(-2/4), ..., 0.1; and none without a share."""
+    factors = [cooldown(epoch, 10, 0.4) for epoch in range(10)]
+    assert factors == pytest.approx([1.0] * 6 + [10**-0.25, 10**-0.5, 10**-0.75, 0.1])
+    assert {cooldown(epoch, 10, 0.0) for epoch in range(10)} == {1.0}
