@@ -100,7 +100,7 @@ class DataModule(lightning.LightningDataModule):
         With `pasted`, batches for training have views laid over each other, too.
 
         Raises:
-            ConfigError: the file is corrupted, or has no views that can be laid over each other.
+            ConfigError: the file is corrupted.
         """
         super().__init__()
         self._data = read(path)

@@ -11,7 +11,6 @@ import numpy as np
 import torch
 
 from affmap.model.windows import Windows, take_apart
-from affmap.settings import ConfigError
 
 NUM_PAIRS = 4096
 """Pairs drawn once, before training."""
@@ -22,7 +21,7 @@ PAIRS_PER_UPDATE = 64
 _DRAWS = 16 * NUM_PAIRS  # a seventh of random pairs from the paper's four worlds is of use
 
 
-def paste(views: np.ndarray, rng: np.random.Generator) -> Windows:
+def paste(views: np.ndarray, rng: np.random.Generator) -> Windows | None:
     """Draw pairs of views and lay them over each other.
 
     Args:
@@ -30,20 +29,15 @@ def paste(views: np.ndarray, rng: np.random.Generator) -> Windows:
         rng: draws the pairs.
 
     Returns:
-        `[1, P, 4]`, P up to `NUM_PAIRS`: the first view, the second, both over each other, and an empty view.
-
-    Raises:
-        ConfigError: the views hold no such pair.
+        `[1, P, 4]`, P up to `NUM_PAIRS`: the first view, the second, both over each other, and an empty view. None if
+        all views fill the same channels, so that there is nothing to compose.
     """
     pictures = views.reshape(-1, *views.shape[2:])
     first, second = (pictures[rng.integers(len(pictures), size=_DRAWS)] for _ in range(2))
     filled = [np.any(view, axis=(-2, -1)) for view in (first, second)]  # [draws, K]
     useful = filled[0].any(axis=1) & filled[1].any(axis=1) & ~(filled[0] & filled[1]).any(axis=1)
     if not useful.any():
-        raise ConfigError(
-            "model.transition.paste needs views that fill different channels; the training layouts have none. Set "
-            "model.transition.paste = 0, or train in layouts whose circles have channels of their own."
-        )
+        return None
     first, second = (view[useful][:NUM_PAIRS] for view in (first, second))
     four = np.stack([first, second, first | second, np.zeros_like(first)], axis=1)
     return take_apart(torch.from_numpy(four)[None])

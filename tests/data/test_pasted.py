@@ -3,14 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
 
 from affmap.data.batches import DataModule
 from affmap.data.collect import Exploration
 from affmap.data.pasted import NUM_PAIRS, PAIRS_PER_UPDATE, paste
 from affmap.model.windows import Windows, take_apart
-from affmap.settings import ConfigError
 
 SMALL = {"num_sequences": 6, "num_validation": 2, "num_steps": 12}
 
@@ -32,7 +30,9 @@ def pictures(windows: Windows) -> torch.Tensor:
 def test_both_is_the_union_of_two_views_without_a_channel_in_common() -> None:
     """Maximum of the pixels of the two, which are recorded views with a circle; the fourth is empty."""
     views = recorded()
-    first, second, both, empty = pictures(paste(views, np.random.default_rng(1)))[0].unbind(1)
+    pasted = paste(views, np.random.default_rng(1))
+    assert pasted is not None
+    first, second, both, empty = pictures(pasted)[0].unbind(1)
     assert len(first) == NUM_PAIRS and torch.equal(both, torch.maximum(first, second)) and not empty.any()
     used = [each.flatten(1, 2).movedim(2, 1).flatten(2).any(2) for each in (first, second)]  # [P, K]
     assert not (used[0] & used[1]).any() and (used[0].sum(1) == 1).all() and (used[1].sum(1) == 1).all()
@@ -41,10 +41,9 @@ def test_both_is_the_union_of_two_views_without_a_channel_in_common() -> None:
     assert len({tuple(row.tolist()) for row in torch.cat(used, dim=1)}) == 6, "all ordered pairs of channels"
 
 
-def test_views_of_one_channel_cannot_be_laid_over_each_other() -> None:
-    """The sentence names the key."""
-    with pytest.raises(ConfigError, match=r"model\.transition\.paste needs views that fill different channels"):
-        paste(recorded()[:, :, :1], np.random.default_rng(0))
+def test_views_of_one_channel_have_nothing_to_compose() -> None:
+    """Worlds like those of Experiment I; an agent is trained in them without pairs."""
+    assert paste(recorded()[:, :, :1], np.random.default_rng(0)) is None
 
 
 def write(folder: Path) -> Path:

@@ -1,0 +1,1 @@
+"""Experiment VI, codes that compose."""
