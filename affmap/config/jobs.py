@@ -121,6 +121,8 @@ class Composition:
         if dependencies := tuple(each for each in changes if not self._is_free(each.key)):
             return self._with(dependencies).check([each for each in changes if each not in dependencies])
         groups = {each.key.partition(".")[0] for each in changes}
+        if "acts" in groups:  # it was written into the layouts
+            self._validated = {}
         validated = {key: value for key, value in self._validated.items() if key not in groups}
         config = Config.checked({**new, **validated}, "the configuration")
         memory.check(config)

@@ -122,3 +122,15 @@ def test_hydra_composes_once_for_each_choice_of_groups(
     for job in jobs.expand(parse(overrides)):
         outcome(checker.check, job)
     assert len(composed) == compositions
+
+
+def test_a_rule_of_one_job_is_not_that_of_the_next() -> None:
+    """Layouts of a sweep over `acts`, whose rule is written into layouts, beside each job alone; both orders."""
+    for values in ("rim,null", "null,rim", "rim,center,null"):
+        checker = jobs.Checker()
+        for job in jobs.expand(
+            parse(["experiment=exp5", "planner=cem", "control_layout=procedural_easy", f"acts={values}"])
+        ):
+            alone = compose.check([each.line for each in job])
+            assert checker.check(job).training_layouts == alone.training_layouts
+            assert checker.check(job).control_layout == alone.control_layout

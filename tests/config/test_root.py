@@ -212,7 +212,11 @@ BAD: list[tuple[str, Any, str]] = [
         "gru",
         "it should be the keys of a file of conf/model/transition; choose one by model/tr",
     ),
-    ("model.transition.kind", "lstm", "it should be 'gru' or 'mlp'"),
+    ("model.transition.kind", "lstm", "it should be 'additive' or 'split' or 'gru' or 'hyper' or 'mlp'"),
+    ("model.transition.encoder", "none", "it should be 'plain', 'centered' or 'channels'"),
+    ("model.transition.paste", -1.0, "greater than or equal to 0"),
+    ("model.transition.effect_std", -0.1, "greater than or equal to 0"),
+    ("model.transition.penalty", math.inf, "finite number"),
     ("model.transition.layers", 2, "not a known key"),
     ("training.num_epochs", 0, "greater than 0"),
     ("training.batch_size", 0, "greater than 0"),
@@ -227,6 +231,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("training.transition_max_norm", 0.0, "greater than 0"),
     ("training.vision_max_norm", math.nan, "finite number"),
     ("training.adam_eps", 0.0, "greater than 0"),
+    ("training.cooldown", 1.5, "less than or equal to 1"),
     ("training.snapshot_epochs", [0], "greater than 0"),
     ("training.snapshot_epochs", 5, "valid tuple"),
     ("training.accelerator", "abacus", "'cpu', 'gpu' or 'auto'"),
@@ -267,7 +272,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.compare", 3, "valid string"),
     ("report.x", 3, "valid string"),
     ("report.color", 3, "valid string"),
-    ("report.claims", "exp6", "there are: exp1, exp2"),
+    ("report.claims", "exp99", "there are: exp1, exp2"),
     ("report.names", "EB", "valid dictionary"),
     ("report.names", {"cem": "_EB"}, "begin it with another character, since legends leave it out"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
@@ -327,7 +332,7 @@ def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     assert keys - listed - free - physics == set()
 
 
-NEUTRAL = {"report": {"x", "color", "paper_figures"}, "model": {"transition"}}
+NEUTRAL = {"report": {"x", "color", "paper_figures"}, "model": {"transition"}, "training": {"cooldown"}}
 """Keys that may be missing, which says the same as their neutral value."""
 
 
@@ -471,12 +476,18 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("model.delta_scale", 1.0, "train map control"),
     ("model.transition", {"kind": "mlp"}, ""),
     ("model.transition", {"kind": "gru"}, "train map control"),
+    ("model.transition", {"kind": "mlp", "encoder": "plain", "paste": 0.0, "effect_std": 0.0, "penalty": 0.0}, ""),
+    ("model.transition", {"kind": "mlp", "encoder": "centered"}, "train map control"),
+    ("model.transition", {"kind": "mlp", "paste": 1.0}, "train map control"),
+    ("model.transition", {"kind": "mlp", "effect_std": 0.1}, "train map control"),
+    ("model.transition", {"kind": "mlp", "penalty": 0.1}, "train map control"),
     ("training.num_epochs", 49, "train map control"),
     ("training.vision_lr", 0.001, "train map control"),
     ("training.vision_lr", [0.00075], "train map control"),
     ("training.transition_lr", [0.008, 0.001], "train map control"),
     ("training.vision_max_norm", [2, 1], "train map control"),
     ("training.transition_max_norm", [1.2, 1], "train map control"),
+    ("training.cooldown", 0.4, "train map control"),
     ("training.snapshot_epochs", [1], "train map control"),
     ("models", "reference", "map control"),
     ("report.map_spacing", 0.05, "map"),
@@ -541,7 +552,7 @@ def test_every_number_of_a_group_changes_the_stages_of_its_group(values: Values)
     for group, stage in first.items():
         for key, value in values[group].items():
             if isinstance(value, (int, float)) and not isinstance(value, bool):
-                other = value + 1 if isinstance(value, int) else 0.99 * value
+                other = value + 1 if isinstance(value, int) else 0.99 * value or 0.5
                 after = digests(checked(values, **{f"{group}__{key}": other}))
                 assert after[stage] != before[stage], f"{group}.{key}"
 
