@@ -18,12 +18,14 @@ TOOLS := $(VENV)/.ready-tools
 SETTINGS = scale=$(SCALE) models=$(MODELS) $(if $(JOBS),hydra.launcher.n_jobs=$(JOBS)) $(ARGS)
 
 EXPERIMENTS := $(patsubst affmap/experiments/%/claims.py,%,$(sort $(wildcard affmap/experiments/*/claims.py)))
+PAPER := $(shell grep -ls '^  paper_figures:' $(EXPERIMENTS:%=conf/experiment/%.yaml) | sed -E 's,.*/(.*)\.yaml,\1,')
+BEYOND := $(filter-out $(PAPER),$(EXPERIMENTS))
 FACTORS := $(patsubst conf/experiment/%.yaml,%,$(sort $(wildcard conf/experiment/factors/*.yaml)))
 REPLICATIONS := $(filter-out %_growth,$(patsubst conf/experiment/%.yaml,%,$(sort $(wildcard conf/experiment/replication/*.yaml))))
 SEARCHES := training cem gradient
 
 .DEFAULT_GOAL := help
-.PHONY: help setup $(EXPERIMENTS) lookups factors $(FACTORS) replication $(REPLICATIONS) tune paper publish play bench gpu docs test slow check format clean
+.PHONY: help setup $(EXPERIMENTS) lookups factors $(FACTORS) replication $(REPLICATIONS) tune paper beyond publish play bench gpu docs test slow check format clean
 
 help:  ## list the targets
 	@{ $(foreach name,$(EXPERIMENTS),sed -n 's/^title: "\(.*\)"/$(name):  ## \1/p' conf/experiment/$(name).yaml;) \
@@ -72,16 +74,19 @@ $(EXPERIMENTS) lookups $(FACTORS) $(REPLICATIONS): $(READY)
 	$(BIN)/affmap experiment=$@ $(SETTINGS)
 	$(BIN)/affmap-report experiment=$@ $(SETTINGS)
 
-paper: $(EXPERIMENTS)  ## all experiments with claims, what is missing of them, and one report of all: runs/paper/report.pdf
+paper: $(PAPER)  ## the paper's experiments, what is missing of them, and one report of all: runs/paper/report.pdf
 	$(BIN)/affmap-paper $(SETTINGS)
+
+beyond: $(BEYOND)  ## the experiments beyond the paper, and one report of all: runs/beyond/report.pdf
+	$(BIN)/affmap-paper --beyond $(SETTINGS)
 
 tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (minutes)
 	for name in $(SEARCHES); do $(BIN)/affmap search=$$name $(SETTINGS) && $(BIN)/affmap-report search=$$name $(SETTINGS) || exit 1; done
 
-publish: paper lookups factors replication  ## keep the reports and models of all experiments in runs/reference
+publish: paper beyond lookups factors replication  ## keep the reports and models of all experiments in runs/reference
 	for name in $(EXPERIMENTS) lookups $(FACTORS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) || exit 1; done
 	for name in $(REPLICATIONS); do $(BIN)/affmap-publish experiment=$$name $(SETTINGS) --report-only || exit 1; done
-	$(BIN)/affmap-paper $(SETTINGS) --publish
+	for flag in "" --beyond; do $(BIN)/affmap-paper $$flag --publish $(SETTINGS) || exit 1; done
 
 play: $(READY)  ## a window in which to fly, or watch a trained agent imagine and fly
 	$(BIN)/affmap-play $(ARGS)

@@ -11,7 +11,7 @@ import pytest
 
 from affmap.config.sweep import Sweep
 from affmap.experiments import ROOMS, claims_about
-from affmap.settings import folder
+from affmap.settings import folder, read
 
 TINY = [
     "scale=smoke",
@@ -23,6 +23,18 @@ TINY = [
     "hydra.launcher.n_jobs=1",
 ]
 COARSE = "lookup.spacing=0.25"
+SIZES, SIZE = "model.context_size=0,1", "model.context_size=1"
+PAPER = [name for name in ROOMS if "paper_figures" in read("experiment", name)["report"]]
+CLAIMS = {
+    "exp1": ("I", 8, 2 * 2),
+    "exp2": ("II", 3, 3 * 2),
+    "exp3": ("III", 3, 2 * 2),
+    "exp4": ("IV", 4, 1 * 2),
+    "exp5": ("V", 5, 2 * 2),
+    "exp6": ("VI", 9, 5 * 4),
+}
+"""Experiment -> its number, that of its claims, and that of its settings here."""
+
 COMPARISONS = {"lookups": "lookup.spacing=0,0.1,0.25"} | {
     path.relative_to(folder() / "experiment").with_suffix("").as_posix(): COARSE
     for path in sorted(folder().glob("experiment/*/*.yaml"))
@@ -46,8 +58,9 @@ for line in lines:
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the commands leave behind, all in one process, because most of their time is imports."""
-    lines, arguments = [[f"experiment={name}"] for name in ROOMS], [*TINY, COARSE, "model.context_size=0,1"]
-    return made(lines, f"{SCRIPT}\ncall(paper.main)", arguments, tmp_path_factory.mktemp("paper"))
+    lines = [[f"experiment={name}", SIZES if name in PAPER else SIZE] for name in ROOMS]
+    script = f"{SCRIPT}\ncall(paper.main, {SIZES!r})\ncall(paper.main, '--beyond', {SIZE!r})"
+    return made(lines, script, [*TINY, COARSE], tmp_path_factory.mktemp("paper"))
 
 
 def made(lines: Sequence[list[str]], script: str, arguments: Sequence[str], place: Path) -> Path:
@@ -67,30 +80,30 @@ def test_an_experiment_ends_with_its_report(place: Path, experiment: str) -> Non
     HTMLParser().feed((output / "report.html").read_text("utf-8"))
     assert len(list((output / "figures").glob("*.png"))) >= 5
     runs = pd.read_csv(output / "tables" / "runs.csv")
-    conditions = {"exp1": 2, "exp2": 3, "exp3": 2, "exp4": 1, "exp5": 2}[experiment]
-    assert len(runs) == conditions * 2 * 2 * 4
+    number, count, settings = CLAIMS[experiment]
+    assert len(runs) == settings * 2 * 4
     claims = pd.read_csv(output / "tables" / "claims.csv")["claim"].drop_duplicates().tolist()
-    number, count = {"exp1": ("I", 8), "exp2": ("II", 3), "exp3": ("III", 3), "exp4": ("IV", 4), "exp5": ("V", 5)}[
-        experiment
-    ]
     assert claims == [f"{number}-{index}" for index in range(1, count + 1)]
 
 
-def test_the_whole_paper_is_one_report(place: Path) -> None:
-    """All 23 claims in one table; made from what the experiments left."""
-    output = place / "runs" / "paper-smoke"
+@pytest.mark.parametrize("volume", ["paper", "beyond"])
+def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, volume: str) -> None:
+    """All 23 claims of the paper in one table, and all others in another; made from what the experiments left."""
+    output = place / "runs" / f"{volume}-smoke"
     assert (output / "report.pdf").read_bytes().startswith(b"%PDF")
-    assert pd.read_csv(output / "tables" / "claims.csv")["claim"].nunique() == 8 + 3 + 3 + 4 + 5
+    expected = sum(count for name, (_, count, _) in CLAIMS.items() if (name in PAPER) == (volume == "paper"))
+    assert pd.read_csv(output / "tables" / "claims.csv")["claim"].nunique() == expected
     assert "SMOKE RUN" in (output / "report.html").read_text("utf-8")
 
 
 def test_nothing_is_computed_twice(place: Path) -> None:
-    """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both conditions."""
+    """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five, with
+    the data of V."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")
     }
-    assert len(kept["data"]) == 4 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2
+    assert len(kept["data"]) == 4 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5
 
 
 @pytest.fixture(scope="module")

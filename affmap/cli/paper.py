@@ -1,4 +1,4 @@
-"""The command `affmap-paper`: one report of all experiments of the paper."""
+"""The command `affmap-paper`: one report of all experiments of the paper, or of all that go beyond it."""
 
 import shlex
 from contextlib import ExitStack
@@ -14,8 +14,9 @@ from affmap.store.provenance import without_paths
 ABOUT = """\
 affmap-paper: draw one report of all experiments of the paper, from their completed sweeps.
 
-usage: affmap-paper [--publish] [OVERRIDE ...]
+usage: affmap-paper [--beyond] [--publish] [OVERRIDE ...]
 
+  --beyond    of the experiments that the paper does not have
   --publish   keep the report in runs/reference
 
 examples:
@@ -26,26 +27,29 @@ examples:
 It reads the folders of all experiments, and takes none itself.
 """
 
+BEYOND = "--beyond"
+"""Flag: experiments that the paper does not have."""
+
 PUBLISH = "--publish"
 """Flag: keep the report in the folder of the reference run."""
 
 
 def main() -> None:
     """Run the command `affmap-paper`."""
-    publish = PUBLISH in flags()
-    command(lambda arguments: _paper(read_sweep(arguments), publish), known=[PUBLISH], about=ABOUT)
+    beyond, publish = BEYOND in flags(), PUBLISH in flags()
+    command(lambda arguments: _paper(read_sweep(arguments), beyond, publish), known=[BEYOND, PUBLISH], about=ABOUT)
 
 
-def _paper(paper: Sweep, publish: bool) -> None:
+def _paper(paper: Sweep, beyond: bool, publish: bool) -> None:
     from affmap.experiments import ROOMS, open_room  # reports take seconds to import
-    from affmap.experiments.paper.report import Chapter, PaperReport
+    from affmap.experiments.paper.report import Chapter, PaperReport, Volume
     from affmap.report import build
 
     chapters = []
     for experiment in ROOMS:
         jobs = read_sweep(replace_experiment(paper.overrides, experiment, ("output",)))
         first = jobs.first
-        if not first.report.paper_figures:  # an experiment that the paper does not have
+        if beyond == bool(first.report.paper_figures):
             continue
         try:
             part = completed(jobs)
@@ -55,12 +59,13 @@ def _paper(paper: Sweep, publish: bool) -> None:
         results = part.results(first.report)
         chapters.append(Chapter(first.title, results, first.report, room, first.output, part.missing))
     first = paper.first
-    output = first.output.with_name(first.output.name.replace(first.name, "paper"))
-    line = shlex.join(["affmap-paper", *without_paths(paper.overrides)])
+    volume = Volume.BEYOND if beyond else Volume.PAPER
+    output = first.output.with_name(first.output.name.replace(first.name, volume))
+    line = shlex.join(["affmap-paper", *([BEYOND] if beyond else []), *without_paths(paper.overrides)])
     with ExitStack() as stack:
         for folder in [*(chapter.output for chapter in chapters), output]:  # its figures are theirs
             stack.enter_context(written_alone(folder))
-        page = build.write(PaperReport(output, chapters, line, first.notice))
+        page = build.write(PaperReport(output, chapters, line, first.notice, volume))
     print(f"The report is {page}")
     if publish:
         parts = [f"PARTIAL: {chapter.missing}" for chapter in chapters if chapter.missing]

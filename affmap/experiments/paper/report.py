@@ -1,4 +1,4 @@
-"""The report of all experiments of the paper: verdicts on its claims, figures and costs.
+"""The report of all experiments of the paper, or of all beyond it: verdicts on claims, figures and costs.
 
 It shows the figures of the experiments' own reports, and tests their claims again.
 """
@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +29,18 @@ from affmap.settings.messages import ConfigError
 
 _HERE = Path(__file__).parent
 
-TITLE = "Affordances and active motor control: the paper's experiments"
+
+class Volume(StrEnum):
+    """A report of several experiments; the name of its folder and of its page."""
+
+    PAPER = "paper"
+    BEYOND = "beyond"
+
+    @property
+    def title(self) -> str:
+        """Heading of the report."""
+        subject = "the paper's experiments" if self is Volume.PAPER else "beyond the paper"
+        return f"Affordances and active motor control: {subject}"
 
 
 class Chapter(NamedTuple):
@@ -59,6 +71,8 @@ class PaperReport:
     """Command line that makes this report."""
     notice: str | None
     """Warning to the reader, or None."""
+    volume: Volume = Volume.PAPER
+    """Which experiments these are."""
 
     def __post_init__(self) -> None:
         for chapter in self.chapters:
@@ -81,7 +95,7 @@ class PaperReport:
             }
             for chapter in self.chapters
         }
-        return {"title": TITLE, "notice": self.notice, "report": self.command, "experiments": experiments}
+        return {"title": self.volume.title, "notice": self.notice, "report": self.command, "experiments": experiments}
 
     @property
     def page(self) -> Path:
@@ -93,7 +107,7 @@ class PaperReport:
         scores = [score(chapter.results, chapter.room.claims) for chapter in self.chapters]
         _write_tables(folder / "tables", self.chapters, scores)
         content = PaperContent(self, scores)
-        page.write(folder, fill(_HERE / "paper.md", content, (_HERE, PARTS)), self.notice, {})
+        page.write(folder, fill(_HERE / f"{self.volume}.md", content, (_HERE, PARTS)), self.notice, {})
 
 
 @dataclass(frozen=True)
@@ -111,7 +125,7 @@ class PaperContent:
 
     def title(self) -> str:
         """Title of the report."""
-        return TITLE
+        return self.report.volume.title
 
     def notice(self) -> str:
         """Warning to the reader, and a note on incomplete chapters."""
