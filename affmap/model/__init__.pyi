@@ -1,4 +1,6 @@
+from .effects import Effects as Effects
 from .gru import GRU as GRU
+from .hyper import Hyper as Hyper
 from .lookup import AffordanceMap as AffordanceMap
 from .lookup import ExactLookup as ExactLookup
 from .palette import Palette as Palette
