@@ -176,9 +176,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval (BCa) over members of the mean of `values` `[M]`; a point where all are equal."""
+    """95 % bootstrap interval (BCa) over members of the mean of `values` `[M]`; a point if they differ by rounding."""
     sample = np.asarray(values, dtype=float)
-    if np.ptp(sample) == 0:
+    if np.allclose(sample, sample[0], rtol=1e-12, atol=0):
         return float(sample[0]), float(sample[0])
     result = stats.bootstrap((sample,), np.mean, method="BCa", rng=np.random.default_rng(seed))
     return float(result.confidence_interval.low), float(result.confidence_interval.high)

@@ -249,3 +249,8 @@ def test_holm_s_correction_is_that_of_r_and_of_its_definition() -> None:
             rejected.add(smallest := min(left, key=left.__getitem__))
             del left[smallest]
         assert {i for i, corrected in enumerate(statistics.holm(p)) if corrected < LEVEL} == rejected
+
+
+def test_an_interval_of_values_that_differ_by_rounding_is_a_point() -> None:
+    """0.1 + 0.2 is not 0.3; SciPy's bootstrap would divide by zero."""
+    assert statistics.interval([0.1 + 0.2, 0.3, 0.3]) == (0.1 + 0.2, 0.1 + 0.2)
