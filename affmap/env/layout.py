@@ -55,7 +55,7 @@ class Circle(Settings):
 
 def is_rules(values: Mapping[str, Any]) -> bool:
     """Whether the keys and values of a file in `conf/layout` are rules for random layouts rather than a layout."""
-    return "properties" in values
+    return "properties" in values or "walls" in values
 
 
 MAX_CIRCLES = 1000
@@ -135,7 +135,8 @@ class Layout(Arena):
         if isinstance(values, Mapping) and is_rules(values) and "circles" not in values:
             raise ValueError(
                 f"{format_value(values.get('name'))} holds rules for random layouts, not a layout: read it with "
-                "affmap.Procedural, whose method draw makes layouts; affmap.fly and affmap.train take it by its name."
+                f"{'affmap.Procedural' if 'properties' in values else 'affmap.env.Walls'}, whose method draw makes "
+                "layouts; affmap.fly and affmap.train take it by its name."
             )
         return values
 
