@@ -179,10 +179,7 @@ class Config(Settings):
                     f"agent = {self.agent.kind!r} needs numba, which is not installed; leave it out, of "
                     "baselines as well: baselines=[straight,random]."
                 )
-            layout = self.control_layout
-            check_compiled(
-                layout.effects if isinstance(layout, Rules) else [circle.effect for circle in layout.circles]
-            )
+            check_compiled(self.control_layout.effects)
         return self
 
     @model_validator(mode="after")

@@ -118,6 +118,11 @@ class Arena(Settings):
         """A short description of the circles."""
 
     @property
+    @abstractmethod
+    def effects(self) -> Sequence[str]:
+        """Effects that circles have, or may have."""
+
+    @property
     def shortest_way(self) -> float:
         """Smallest distance between a start and a goal, in the squares of opposite corners, u."""
         return math.hypot(*(side - 2 * (self.start_margin + self.start_side) for side in self.size))
@@ -159,6 +164,11 @@ class Layout(Arena):
     def _contents(self) -> str:
         effects = Counter(circle.effect for circle in self.circles)
         return f"circles: {', '.join(f'{effect} ({number})' for effect, number in effects.items()) or 'none'}"
+
+    @property
+    def effects(self) -> Sequence[str]:
+        """Effects of the circles, once each."""
+        return list(dict.fromkeys(circle.effect for circle in self.circles))
 
     @cached_property
     def map(self) -> VisibleLayout:

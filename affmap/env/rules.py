@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,11 +20,6 @@ class Rules(Arena):
         Raises:
             ValueError: none was found.
         """
-
-    @property
-    @abstractmethod
-    def effects(self) -> Sequence[str]:
-        """Effects that circles may have."""
 
     def _repr_html_(self) -> str | None:
         return notebook.rules(self)

@@ -14,6 +14,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Patch, Polygon, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from affmap.env.effects import EFFECTS
 from affmap.env.geometry import CELL, reachable
@@ -69,6 +70,23 @@ def arena(ax: Axes, world: Layout | VisibleLayout) -> Axes:
     ax.set(xlim=(0, world.size[0]), ylim=(0, world.size[1]), aspect="equal")
     ax.set(xticks=np.arange(0, world.size[0] + 0.01, 1.0), yticks=np.arange(0, world.size[1] + 0.01, 1.0))
     ax.set(xlabel="x (u)", ylabel="y (u)")
+    return ax
+
+
+def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats) -> Axes:
+    """Draw lines of equal times to go, each labelled, from blue near the goal to red far from it.
+
+    Args:
+        ax: where to draw.
+        steps: `[Y, X]`, steps from each node to the goal; infinite where there is no way.
+        x: `[X]`, of the nodes, u.
+        y: `[Y]`, of the nodes, u.
+    """
+    reached = np.ma.masked_invalid(steps)
+    if reached.count() and min(steps.shape) > 1:
+        levels = MaxNLocator(10).tick_values(0, np.quantile(reached.compressed(), 0.98))
+        lines = ax.contour(x, y, reached, levels=levels, cmap="coolwarm", linewidths=0.8)
+        ax.clabel(lines, lines.levels[::2], fmt="%g", fontsize=5.5, colors="black")
     return ax
 
 
