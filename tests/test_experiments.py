@@ -30,6 +30,9 @@ COMPARISONS = {"lookups": "lookup.spacing=0,0.1,0.25"} | {
 }
 """Name -> the maps that agents look into."""
 
+PAPER_SIZES, SIZES = "0,1", {"exp7": "1"}
+"""Context sizes of the paper's experiments, and those of experiments about other keys."""
+
 SCRIPT = """
 import sys
 from affmap.cli import paper, report, run
@@ -46,8 +49,9 @@ for line in lines:
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the commands leave behind, all in one process, because most of their time is imports."""
-    lines, arguments = [[f"experiment={name}"] for name in ROOMS], [*TINY, COARSE, "model.context_size=0,1"]
-    return made(lines, f"{SCRIPT}\ncall(paper.main)", arguments, tmp_path_factory.mktemp("paper"))
+    lines = [[f"experiment={name}", f"model.context_size={SIZES.get(name, PAPER_SIZES)}"] for name in ROOMS]
+    script = f"{SCRIPT}\ncall(paper.main, 'model.context_size={PAPER_SIZES}')"
+    return made(lines, script, [*TINY, COARSE], tmp_path_factory.mktemp("paper"))
 
 
 def made(lines: Sequence[list[str]], script: str, arguments: Sequence[str], place: Path) -> Path:
@@ -67,12 +71,11 @@ def test_an_experiment_ends_with_its_report(place: Path, experiment: str) -> Non
     HTMLParser().feed((output / "report.html").read_text("utf-8"))
     assert len(list((output / "figures").glob("*.png"))) >= 5
     runs = pd.read_csv(output / "tables" / "runs.csv")
-    conditions = {"exp1": 2, "exp2": 3, "exp3": 2, "exp4": 1, "exp5": 2}[experiment]
-    assert len(runs) == conditions * 2 * 2 * 4
+    settings = {"exp1": 4, "exp2": 6, "exp3": 4, "exp4": 2, "exp5": 4, "exp7": 5 * 4}[experiment]
+    assert len(runs) == settings * 2 * 4
     claims = pd.read_csv(output / "tables" / "claims.csv")["claim"].drop_duplicates().tolist()
-    number, count = {"exp1": ("I", 8), "exp2": ("II", 3), "exp3": ("III", 3), "exp4": ("IV", 4), "exp5": ("V", 5)}[
-        experiment
-    ]
+    numbers = {"exp1": ("I", 8), "exp2": ("II", 3), "exp3": ("III", 3), "exp4": ("IV", 4), "exp5": ("V", 5)}
+    number, count = (numbers | {"exp7": ("VII", 5)})[experiment]
     assert claims == [f"{number}-{index}" for index in range(1, count + 1)]
 
 
@@ -85,7 +88,7 @@ def test_the_whole_paper_is_one_report(place: Path) -> None:
 
 
 def test_nothing_is_computed_twice(place: Path) -> None:
-    """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both conditions."""
+    """By hand: I trains two models, II none, III two and its longer one, IV two, V two, VII none."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")

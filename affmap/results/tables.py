@@ -194,7 +194,7 @@ class Results(Design):
 
     def vehicle_radius(self, setting: Setting) -> float:
         """Radius of the vehicle of a setting, u."""
-        return self.vehicle(setting).radius
+        return float(self.provenance[setting.control[0]]["config"]["vehicle"]["radius"])
 
     def trajectories(self, setting: Setting) -> Trajectories:
         """Recorded runs of a setting."""
