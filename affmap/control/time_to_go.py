@@ -116,6 +116,24 @@ class TimeToGo:
                     path.append(point)
         return [np.array(path) for path in paths]
 
+    def levels(self, index: int = 0) -> Floats:
+        """About ten round numbers of steps, up to those of nearly all nodes of the map at `index`."""
+        from matplotlib.ticker import MaxNLocator  # takes a tenth of a second to import
+
+        steps = self.steps[index]
+        finite = steps[np.isfinite(steps)]
+        return np.asarray(MaxNLocator(10).tick_values(0, np.quantile(finite, 0.98) if len(finite) else 0))
+
+    def lines(self, index: int = 0) -> list[Floats]:
+        """Lines of equal times to go, at `levels`, in the map at `index`: `[points, 2]` each, u."""
+        from matplotlib.figure import Figure  # likewise
+
+        steps = np.ma.masked_invalid(self.steps[index])
+        if min(steps.shape) < 2:
+            return []
+        lines = Figure().subplots().contour(self.x, self.y, steps, self.levels(index)).allsegs
+        return [line for level in lines for line in level if len(line) > 1]
+
     def _legs(self, positions: Floats) -> Iterator[tuple[Floats, Floats, NDArray[np.bool_]]]:
         """Legs of the paths from positions `[B, 2]`: begin and end `[B, 2]`, and which paths `[B]` still have one."""
         each, steps = np.arange(len(positions)), self.steps.reshape(len(positions), -1)

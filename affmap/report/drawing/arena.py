@@ -14,7 +14,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Patch, Polygon, Rectangle
-from matplotlib.ticker import MaxNLocator
 
 from affmap.env.effects import EFFECTS
 from affmap.env.geometry import CELL, reachable
@@ -73,7 +72,7 @@ def arena(ax: Axes, world: Layout | VisibleLayout) -> Axes:
     return ax
 
 
-def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats) -> Axes:
+def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats, levels: Floats) -> Axes:
     """Draw lines of equal times to go, each labelled, from blue near the goal to red far from it.
 
     Args:
@@ -81,11 +80,10 @@ def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats) -> Axes:
         steps: `[Y, X]`, steps from each node to the goal; infinite where there is no way.
         x: `[X]`, of the nodes, u.
         y: `[Y]`, of the nodes, u.
+        levels: steps of the lines, ascending.
     """
-    reached = np.ma.masked_invalid(steps)
-    if reached.count() and min(steps.shape) > 1:
-        levels = MaxNLocator(10).tick_values(0, np.quantile(reached.compressed(), 0.98))
-        lines = ax.contour(x, y, reached, levels=levels, cmap="coolwarm", linewidths=0.8)
+    if min(steps.shape) > 1:
+        lines = ax.contour(x, y, np.ma.masked_invalid(steps), levels=levels, cmap="coolwarm", linewidths=0.8)
         ax.clabel(lines, lines.levels[::2], fmt="%g", fontsize=5.5, colors="black")
     return ax
 
