@@ -116,19 +116,31 @@ class TimeToGo:
                     path.append(point)
         return [np.array(path) for path in paths]
 
+    def clear(self, index: int = 0) -> np.ma.MaskedArray:
+        """Steps of the map at `index`, `[Y, X]`, without nodes that are no place to be, for pictures.
+
+        There is no way from these, or its first leg costs more than four times the median leg, beside a wall and in
+        fog.
+        """
+        steps, following = self.steps[index].ravel(), self._next[index]
+        leg, moves = np.full(len(steps), np.inf), following >= 0
+        leg[moves] = steps[moves] - steps[following[moves]]
+        leg[steps == 0] = 0
+        usual = np.median(leg[moves]) if moves.any() else 0
+        return np.ma.masked_where(leg > 4 * usual, steps).reshape(self.steps[index].shape)
+
     def levels(self, index: int = 0) -> Floats:
-        """About ten round numbers of steps, up to those of nearly all nodes of the map at `index`."""
+        """About ten round numbers of steps, up to those of the farthest nodes of the map at `index` that are clear."""
         from matplotlib.ticker import MaxNLocator  # takes a tenth of a second to import
 
-        steps = self.steps[index]
-        finite = steps[np.isfinite(steps)]
-        return np.asarray(MaxNLocator(10).tick_values(0, np.quantile(finite, 0.98) if len(finite) else 0))
+        known = self.clear(index).compressed()
+        return np.asarray(MaxNLocator(10).tick_values(0, known.max(initial=0)))
 
     def lines(self, index: int = 0) -> list[Floats]:
         """Lines of equal times to go, at `levels`, in the map at `index`: `[points, 2]` each, u."""
         from matplotlib.figure import Figure  # likewise
 
-        steps = np.ma.masked_invalid(self.steps[index])
+        steps = self.clear(index)
         if min(steps.shape) < 2:
             return []
         lines = Figure().subplots().contour(self.x, self.y, steps, self.levels(index)).allsegs

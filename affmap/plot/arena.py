@@ -98,7 +98,7 @@ def time_to_go(agent: Agent, goal: ArrayLike, *, index: int = 0, ax: Axes | None
     with canvas(ax) as axes:
         affordance_map(painted, index=index, ax=axes)
         made = TimeToGo.imagine(agent, np.broadcast_to(goal, (len(painted.codes), 2)))
-        arena.times_to_go(axes, made.steps[index], made.x, made.y, made.levels(index))
+        arena.times_to_go(axes, made.clear(index), made.x, made.y, made.levels(index))
         layer = LAYERS["goal"]
         axes.plot(*made.goals[index], color=layer.color, ls="", zorder=4, **arena.SIGNS["cross"])
     return axes

@@ -11,12 +11,12 @@ from affmap.results import claims, statistics
 from affmap.results.claims import Claim, Criterion, Pair
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
-from affmap.results.setting import make_factor
+from affmap.results.setting import LAYOUT, make_factor
 from affmap.results.statistics import Outcome
 from affmap.results.tables import Results, score_matrix
 
-LOOKAHEAD = make_factor("lookahead").column
-"""Column of the agents."""
+LOOKAHEAD = make_factor("lookahead")
+"""The agents."""
 
 GREEDY, GUIDED = ("horizon_20", "horizon_40", "horizon_80"), "time_to_go"
 """Agents."""
@@ -40,7 +40,7 @@ Shares = Callable[[pd.DataFrame], Outcome]
 def _select(results: Results, agent: str, layout: str) -> pd.DataFrame:
     """Runs of an agent in a layout."""
     runs = claims.select_runs(results, layout)
-    return runs[runs[LOOKAHEAD] == agent] if LOOKAHEAD in runs else runs.iloc[:0]
+    return runs[runs[LOOKAHEAD.column] == agent] if LOOKAHEAD.column in runs else runs.iloc[:0]
 
 
 def _shares(runs: pd.DataFrame) -> pd.Series:
@@ -75,7 +75,7 @@ def _arrives(results: Results) -> list[Criterion]:
 
 def _times(results: Results, layout: str) -> list[str]:
     """A note about the times of runs that arrive, beside those of the shortest ways at top speed."""
-    settings = results.where({"lookahead": GUIDED, "control_layout": layout})
+    settings = results.where({LOOKAHEAD.key: GUIDED, LAYOUT.key: layout})
     if not settings:
         return []
     paths, vehicle = results.trajectories(settings[0]), results.vehicle(settings[0])
@@ -91,7 +91,7 @@ def _beats(results: Results, layouts: tuple[str, ...], than: tuple[str, ...]) ->
     for layout in layouts:
         for agent in than:
             runs = pd.concat([_select(results, each, layout) for each in (GUIDED, agent)])
-            outcome = claims.paired(runs, "success", Pair(LOOKAHEAD, GUIDED, agent), "higher")
+            outcome = claims.paired(runs, "success", Pair(LOOKAHEAD.column, GUIDED, agent), "higher")
             steps = agent.removeprefix("horizon_")
             says = f"{layout}: more runs succeed than with a horizon of {steps} steps."
             effect_of = f"time to go minus {steps} steps"

@@ -73,17 +73,17 @@ def arena(ax: Axes, world: Layout | VisibleLayout) -> Axes:
 
 
 def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats, levels: Floats) -> Axes:
-    """Draw lines of equal times to go, each labelled, from blue near the goal to red far from it.
+    """Draw lines of equal times to go, every other one with its number.
 
     Args:
         ax: where to draw.
-        steps: `[Y, X]`, steps from each node to the goal; infinite where there is no way.
+        steps: `[Y, X]`, steps from each node to the goal; masked where there is no way.
         x: `[X]`, of the nodes, u.
         y: `[Y]`, of the nodes, u.
         levels: steps of the lines, ascending.
     """
     if min(steps.shape) > 1:
-        lines = ax.contour(x, y, np.ma.masked_invalid(steps), levels=levels, cmap="coolwarm", linewidths=0.8)
+        lines = ax.contour(x, y, steps, levels=levels, colors="black", linewidths=0.7)
         ax.clabel(lines, lines.levels[::2], fmt="%g", fontsize=5.5, colors="black")
     return ax
 
