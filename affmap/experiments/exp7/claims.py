@@ -102,7 +102,7 @@ def _beats(results: Results, layouts: tuple[str, ...], than: tuple[str, ...]) ->
 def _not_worse(results: Results) -> list[Criterion]:
     """Test that the lower end of the interval of the difference is above the margin."""
     guided, greedy = (_shares(_select(results, agent, EASY)) for agent in (GUIDED, GREEDY[0]))
-    difference = (guided - greedy).to_numpy(float)
+    difference = (guided - greedy).to_numpy(float) if len(guided) and len(greedy) else np.empty(0)
     outcome = statistics.at_least(difference, -MARGIN)
     note = f"{number(guided.mean())} against {number(greedy.mean())}" if len(difference) else ""
     effect_of = "time to go minus 20 steps"
