@@ -14,6 +14,7 @@ from .control.pilot import Pilot as Pilot
 from .control.pretrained import load as load
 from .control.registry import register_agent as register_agent
 from .control.settings import ControlSettings as ControlSettings
+from .control.time_to_go import TimeToGo as TimeToGo
 from .data.settings import Exploration as Exploration
 from .env.body import Vehicle as Vehicle
 from .env.effects import Effect as Effect

@@ -32,6 +32,7 @@ CLAIMS = {
     "exp4": ("IV", 4, 1 * 2),
     "exp5": ("V", 5, 2 * 2),
     "exp6": ("VI", 9, 5 * 4),
+    "exp7": ("VII", 5, 5 * 4),
 }
 """Experiment -> its number, that of its claims, and that of its settings here."""
 
@@ -41,6 +42,8 @@ COMPARISONS = {"lookups": "lookup.spacing=0,0.1,0.25"} | {
     if not path.stem.endswith("_growth")
 }
 """Name -> the maps that agents look into."""
+
+"""Context sizes of the paper's experiments, and those of experiments about other keys."""
 
 SCRIPT = """
 import sys
@@ -97,8 +100,8 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 
 
 def test_nothing_is_computed_twice(place: Path) -> None:
-    """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five, with
-    the data of V."""
+    """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
+    with V's data, VII none."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")

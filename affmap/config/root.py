@@ -13,10 +13,13 @@ from affmap.compiled import installed
 from affmap.control.registry import PLANNER, AnyAgent, OracleSettings
 from affmap.control.settings import ControlSettings
 from affmap.data.settings import Exploration
+from affmap.env import procedural
 from affmap.env.body import Vehicle
 from affmap.env.effects import check_compiled
-from affmap.env.layout import Acts, Layout, is_rules
+from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural, is_procedural
+from affmap.env.rules import Rules
+from affmap.env.walls import Walls
 from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
@@ -36,13 +39,13 @@ def _layout(name: Any) -> Any:
 def _any_layout(name: Any) -> Any:
     """The fixed or procedural layout of `conf/layout/<name>.yaml`."""
     if isinstance(name, str) and is_procedural(name):
-        return Procedural.load("layout", name)
+        return procedural.load(name)
     return _layout(name)
 
 
 def _kind(layout: Any) -> str:
-    procedural = is_rules(layout) if isinstance(layout, Mapping) else isinstance(layout, Procedural)
-    return "procedural" if procedural else "fixed"
+    kind = procedural.kind(layout) if isinstance(layout, Mapping) else type(layout)
+    return kind.__name__
 
 
 def _choices(values: Any) -> Any:
@@ -51,7 +54,7 @@ def _choices(values: Any) -> Any:
 
 NamedLayout = Annotated[Layout, BeforeValidator(_layout)]
 AnyLayout = Annotated[
-    Annotated[Layout, Tag("fixed")] | Annotated[Procedural, Tag("procedural")],
+    Annotated[Layout, Tag("Layout")] | Annotated[Procedural, Tag("Procedural")] | Annotated[Walls, Tag("Walls")],
     Discriminator(_kind),
     BeforeValidator(_any_layout),
 ]
@@ -176,9 +179,7 @@ class Config(Settings):
                     f"agent = {self.agent.kind!r} needs numba, which is not installed; leave it out, of "
                     "baselines as well: baselines=[straight,random]."
                 )
-            layout = self.control_layout
-            things = layout.circles if isinstance(layout, Layout) else layout.properties
-            check_compiled(thing.effect for thing in things)
+            check_compiled(self.control_layout.effects)
         return self
 
     @model_validator(mode="after")
@@ -194,7 +195,7 @@ class Config(Settings):
         for layout in self.training_layouts:
             layout.check_corners(self.vehicle.radius)
         layout = self.control_layout
-        if isinstance(layout, Procedural):  # rules that cannot be met should not turn up after hours of training
+        if isinstance(layout, Rules):  # rules that cannot be met should not turn up after hours of training
             layout = layout.draw(generator(self.seed, "world", 0))
         layout.check_corners(self.vehicle.radius)
         if self.control.goal_radius >= layout.shortest_way:

@@ -14,3 +14,4 @@ from .random import RandomAgent as RandomAgent
 from .registry import register_agent as register_agent
 from .settings import ControlSettings as ControlSettings
 from .straight import StraightAgent as StraightAgent
+from .time_to_go import TimeToGo as TimeToGo

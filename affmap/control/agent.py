@@ -82,6 +82,11 @@ class Agent(PlanningAgent):
         """Seeds of the M members."""
         return self.stack.seeds
 
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the arena of its look-up, u."""
+        return self.lookup.worlds[0].size
+
     def elsewhere(self, worlds: Sequence[VisibleLayout]) -> Agent:
         """Copy of the agent for another world, or for B others (member-major).
 

@@ -18,13 +18,14 @@ from affmap.control.settings import ControlSettings
 from affmap.env.body import AnyVehicle, Vehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import AnyLayout, Procedural
+from affmap.env.procedural import AnyLayout
 from affmap.env.procedural import load as load_layout
+from affmap.env.rules import Rules
 from affmap.settings import ConfigError, check_folder
 from affmap.settings.messages import format_value
 
 
-def layouts(given: AnyLayout | Sequence[AnyLayout]) -> list[Layout | Procedural]:
+def layouts(given: AnyLayout | Sequence[AnyLayout]) -> list[Layout | Rules]:
     """One or several layouts, or rules for them.
 
     Raises:

@@ -15,7 +15,8 @@ from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import HalfOracle
 from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
-from affmap.env.procedural import AnyLayout, Procedural
+from affmap.env.procedural import AnyLayout
+from affmap.env.rules import Rules
 from affmap.progress import reported, silent
 from affmap.random import generator
 from affmap.settings import ConfigError
@@ -91,7 +92,7 @@ def evaluate(
     return pd.concat(tables, ignore_index=True)
 
 
-def _worlds(place: Layout | Procedural, agent: Controller, num_runs: int, seed: int) -> list[Layout]:
+def _worlds(place: Layout | Rules, agent: Controller, num_runs: int, seed: int) -> list[Layout]:
     """The layout; or one for each run of each member (member-major), drawn by rules."""
     if isinstance(place, Layout):
         return [place]

@@ -10,11 +10,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from affmap.control.controller import Decision, Observation
 from affmap.control.settings import ControlSettings
+from affmap.control.time_to_go import TimeToGo
 from affmap.env.body import ROUNDING
 from affmap.gaussian import Gaussian
 from affmap.model.transition import Carry
@@ -31,6 +33,8 @@ class AgentState(NamedTuple):
     """State of their planner."""
     carry: Carry
     """Hidden state of their transition models, tensors `[M, B / M, hidden]`."""
+    time_to_go: TimeToGo | None = None
+    """Map by which they find their way; None before the first step, and without a guide."""
 
 
 Watch = Callable[[Tensor, Tensor], None]
@@ -63,6 +67,11 @@ class PlanningAgent(ABC):
         """Seeds of the M members; only 0 if nothing is learned."""
         return (0,)
 
+    @property
+    @abstractmethod
+    def size(self) -> tuple[float, float]:
+        """Width and height of the arena that the agents are in, u."""
+
     @abstractmethod
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
         """Imagine positions along candidates `[B, N, H, 4]`: Gaussian of `[B, N, H, 2]`, u; `carry` see `objective`."""
@@ -84,6 +93,8 @@ class PlanningAgent(ABC):
     ) -> tuple[Decision, AgentState]:
         """Plan for all vehicles, starting from the last plans.
 
+        With a guide, the desired position is a sub-goal on the shortest way to the goal.
+
         Args:
             observation: the present sensations of B vehicles.
             state: the result of `initial` or of the last `act`.
@@ -97,7 +108,8 @@ class PlanningAgent(ABC):
             ValueError: the planner's candidates or its plan have another shape or type, or an action that would be
                 executed is outside [0, 1].
         """
-        objective = self.objective(observation, state.carry)
+        time_to_go = self._time_to_go(observation, state.time_to_go)
+        objective = self.objective(self._toward_subgoals(observation, time_to_go), state.carry)
         num_problems, dtype, name = len(observation.position), observation.position.dtype, type(self.planner).__name__
 
         def watched(actions: Tensor) -> Tensor:
@@ -122,7 +134,22 @@ class PlanningAgent(ABC):
         with torch.no_grad():
             path = self.imagine(observation, plan.actions[:, None], state.carry)
             carry, delta = self.predict(observation, action, state.carry)
-        return Decision(action, Gaussian(*(part[:, 0] for part in path)), delta), AgentState(planner_state, carry)
+        decision = Decision(action, Gaussian(*(part[:, 0] for part in path)), delta)
+        return decision, AgentState(planner_state, carry, time_to_go)
+
+    def _time_to_go(self, observation: Observation, last: TimeToGo | None) -> TimeToGo | None:
+        """The map of times to go; `last` as long as the goals are its own."""
+        if self.settings.guide == "none":
+            return None
+        goals = observation.goal.cpu().numpy()
+        return last if last and np.array_equal(last.goals, goals) else TimeToGo.imagine(self, goals)
+
+    def _toward_subgoals(self, observation: Observation, time_to_go: TimeToGo | None) -> Observation:
+        """The observation with sub-goals in place of the goals, if there is a map."""
+        if time_to_go is None:
+            return observation
+        subgoals = time_to_go.subgoals(observation.position.cpu().numpy(), self.settings.guide_distance)
+        return observation._replace(goal=torch.from_numpy(subgoals).to(observation.goal))
 
     def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:
         """Objective for plans: the expected free energy of the paths imagined from an observation.

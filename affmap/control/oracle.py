@@ -67,10 +67,15 @@ class Oracle(PlanningAgent):
 
         self.vehicle = vehicle
         self.step_std = OracleSettings.load("agent", "oracle").std if step_std is None else step_std
-        self._twin = Twin(layouts, vehicle)
+        self._twin, self._size = Twin(layouts, vehicle), layouts[0].size
 
     def __repr__(self) -> str:
         return f"Oracle({type(self.planner).__name__}, {counted(len(self._twin), 'world')})"
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the arena that it knows, u."""
+        return self._size
 
     def elsewhere(self, layouts: Sequence[Layout]) -> Oracle:
         """Copy of the agent for another world, or for B others (member-major)."""
@@ -109,9 +114,9 @@ class Oracle(PlanningAgent):
         """Index of the world of each path, `[number]`; paths are in the order of the problems.
 
         Raises:
-            ConfigError: there are several worlds, but not one for each problem.
+            ConfigError: the problems cannot be shared among the worlds in equal parts.
         """
-        if len(self._twin) not in (1, num_problems):
+        if num_problems % len(self._twin):
             raise ConfigError(
                 f"the oracle knows {len(self._twin)} worlds, but plans for {num_problems} vehicles; give it one "
                 "layout, or one for each of them."

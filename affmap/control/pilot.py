@@ -17,6 +17,7 @@ from affmap.control.agent import seeds_of
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.episodes import bring
 from affmap.control.mpc import PlanningAgent
+from affmap.control.time_to_go import TimeToGo
 from affmap.env.procedural import AnyLayout, first_layout
 from affmap.random import generator
 from affmap.settings.messages import format_value
@@ -121,6 +122,11 @@ class Pilot:
         self(observation)
         self._state = state
         return self.thought
+
+    @property
+    def time_to_go(self) -> TimeToGo | None:
+        """Map by which the agent finds its way; None without a guide, and before it has acted."""
+        return self._state.time_to_go if isinstance(self.agent, PlanningAgent) else None
 
     def _watch(self, actions: Tensor, costs: Tensor) -> None:
         self._candidates = actions.detach(), costs.detach()

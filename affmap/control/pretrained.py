@@ -72,7 +72,7 @@ def load(
     record = manifest.read(report)
     job = _job(record, report, source, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
-    stack, losses = _trained(report.parent / "store" / "train", source, job["train"], members)
+    stack, losses = read_members(report.parent / "store" / "train", source, job["train"], members)
     first = first_layout(config["control_layout"], members[0])
     with limited(threads):
         lookup = make_lookup(LookupSettings.model_validate(config["lookup"]), stack, [first.map])
@@ -242,12 +242,22 @@ def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
     return ModelSettings.checked(values, "the configuration of the models").transition.kind
 
 
-def _trained(
+def read_members(
     store: Path, source: str | Path, digests: Sequence[str], members: Sequence[int]
 ) -> tuple[Stack, pd.DataFrame | None]:
     """Load members of a training, or of one of the trainings that its members were divided among.
 
     Their losses are None in an installed package, which has only the weights.
+
+    Args:
+        store: the folder of all trainings.
+        source: the user's name of these.
+        digests: of the trainings.
+        members: their seeds.
+
+    Raises:
+        ConfigError: no training has all of these members.
+        StoreError: the weights are corrupted.
     """
     all_seeds: list[int] = []
     for digest in digests:

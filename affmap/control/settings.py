@@ -1,11 +1,11 @@
 """Settings of control, in a module without torch, which takes seconds to import."""
 
 import re
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from affmap.settings import Count, Length, NonNegative, Settings, preset
+from affmap.settings import Count, Length, Neutral, NonNegative, Positive, Settings, preset
 
 
 def _check_device(device: str) -> str:
@@ -31,5 +31,15 @@ class ControlSettings(Settings, defaults="control/default"):
     """Distance to the goal below which it is near, u."""
     goal_radius: Length = preset()
     """Distance to the goal below which it is reached, u."""
+    guide: Annotated[Literal["none", "time_to_go"], Neutral("none")] = preset()
+    """Sub-goals of an agent that plans: none, or points ahead on the shortest way by its own imagination."""
+    guide_spacing: Annotated[Length, Neutral(0.1), Field(ge=0.02)] = preset()
+    """Largest distance between neighbouring nodes of the map of times to go, u."""
+    guide_steps: Annotated[Positive, Neutral(4.0), Field(le=100)] = preset()
+    """Steps within which a vehicle must be imagined to get a spacing ahead from rest; in proportion on a diagonal."""
+    guide_uncertainty: Annotated[NonNegative, Neutral(3000.0), Field(le=1e6)] = preset()
+    """Cost of an imagined standard deviation, steps per u."""
+    guide_distance: Annotated[Length, Neutral(0.6)] = preset()
+    """Distance of the sub-goal along the way, u."""
     device: Annotated[str, AfterValidator(_check_device), Field(exclude=True)] = preset()
     """Device for planning: cpu or cuda."""

@@ -55,7 +55,7 @@ class Circle(Settings):
 
 def is_rules(values: Mapping[str, Any]) -> bool:
     """Whether the keys and values of a file in `conf/layout` are rules for random layouts rather than a layout."""
-    return "properties" in values
+    return "properties" in values or "walls" in values
 
 
 MAX_CIRCLES = 1000
@@ -118,6 +118,11 @@ class Arena(Settings):
         """A short description of the circles."""
 
     @property
+    @abstractmethod
+    def effects(self) -> Sequence[str]:
+        """Effects that circles have, or may have."""
+
+    @property
     def shortest_way(self) -> float:
         """Smallest distance between a start and a goal, in the squares of opposite corners, u."""
         return math.hypot(*(side - 2 * (self.start_margin + self.start_side) for side in self.size))
@@ -135,7 +140,8 @@ class Layout(Arena):
         if isinstance(values, Mapping) and is_rules(values) and "circles" not in values:
             raise ValueError(
                 f"{format_value(values.get('name'))} holds rules for random layouts, not a layout: read it with "
-                "affmap.Procedural, whose method draw makes layouts; affmap.fly and affmap.train take it by its name."
+                f"{'affmap.Procedural' if 'properties' in values else 'affmap.env.Walls'}, whose method draw makes "
+                "layouts; affmap.fly and affmap.train take it by its name."
             )
         return values
 
@@ -158,6 +164,11 @@ class Layout(Arena):
     def _contents(self) -> str:
         effects = Counter(circle.effect for circle in self.circles)
         return f"circles: {', '.join(f'{effect} ({number})' for effect, number in effects.items()) or 'none'}"
+
+    @property
+    def effects(self) -> Sequence[str]:
+        """Effects of the circles, once each."""
+        return list(dict.fromkeys(circle.effect for circle in self.circles))
 
     @cached_property
     def map(self) -> VisibleLayout:

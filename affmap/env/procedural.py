@@ -14,14 +14,15 @@ Circles that need not keep the gap are never pushed, shrunk or removed: they are
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout, is_rules
-from affmap.lazy import notebook
+from affmap.env.rules import Rules
+from affmap.env.walls import Walls
 from affmap.random import generator
 from affmap.settings import ConfigError, Count, Length, Line, NonNegative, Settings, read
 from affmap.settings.messages import format_value
@@ -48,7 +49,7 @@ class Property(Settings):
     """Whether it keeps the gap to all other spaced circles; if not, it may overlap anything."""
 
 
-class Procedural(Arena):
+class Procedural(Rules):
     """Rules for random layouts (`conf/layout/procedural_*.yaml`); `draw` makes one."""
 
     count: tuple[NumCircles, NumCircles]
@@ -115,6 +116,11 @@ class Procedural(Arena):
         (low, high), kinds = self.count, ", ".join(kind.effect for kind in self.properties)
         return f"circles: {low} to {high} {'of each' if self.count_of == 'property' else 'in all'} of {kinds}"
 
+    @property
+    def effects(self) -> Sequence[str]:
+        """Effects that circles may have."""
+        return [kind.effect for kind in self.properties]
+
     def draw(self, rng: np.random.Generator) -> Layout:
         """Draw a layout that obeys every rule.
 
@@ -130,9 +136,6 @@ class Procedural(Arena):
             f"radius; make count = {list(self.count)}, radius = {list(self.radius)}, gap = {self.gap} or "
             f"corner_side = {self.corner_side} smaller, or size = {list(self.size)} larger."
         )
-
-    def _repr_html_(self) -> str | None:
-        return notebook.rules(self)
 
     def _has_area(self) -> bool:
         """Whether the fewest and smallest circles, each with half of the gap around it, have less area than the arena.
@@ -217,7 +220,12 @@ def is_procedural(name: str) -> bool:
     return is_rules(read("layout", name))
 
 
-AnyLayout: TypeAlias = Layout | Procedural | Mapping[str, Any] | str
+def kind(values: Mapping[str, Any]) -> type[Layout | Procedural | Walls]:
+    """The class of the keys and values of a file in `conf/layout`: a layout, or rules for random ones."""
+    return Procedural if "properties" in values else Walls if is_rules(values) else Layout
+
+
+AnyLayout: TypeAlias = Layout | Rules | Mapping[str, Any] | str
 """A layout or rules for layouts; or the keys and values of either; or the name of their file in `conf/layout`."""
 
 
@@ -228,20 +236,20 @@ def first_layout(layout: AnyLayout, seed: int) -> Layout:
         ConfigError: there is no such file, or a value is not allowed.
     """
     rules = load(layout)
-    return rules.draw(generator(seed, "world", 0)) if isinstance(rules, Procedural) else rules
+    return rules.draw(generator(seed, "world", 0)) if isinstance(rules, Rules) else rules
 
 
-def load(layout: AnyLayout) -> Layout | Procedural:
+def load(layout: AnyLayout) -> Layout | Rules:
     """A layout or rules for layouts: as they are, from their keys and values, or by their name in `conf/layout`.
 
     Raises:
         ConfigError: there is no such file, or a value is not allowed.
     """
     if isinstance(layout, str):
-        return Procedural.load("layout", layout) if is_procedural(layout) else Layout.load("layout", layout)
+        return kind(read("layout", layout)).load("layout", layout)
     if isinstance(layout, Mapping):
-        return (Procedural if is_rules(layout) else Layout).checked(layout, "layout")
-    if not isinstance(layout, Layout | Procedural):
+        return kind(layout).checked(layout, "layout")
+    if not isinstance(layout, Layout | Rules):
         raise ConfigError(
             f"layout = {format_value(layout)} is not allowed: give the name of a file in conf/layout, or the keys and "
             "values of a layout."

@@ -4,6 +4,7 @@ Painters draw the shapes: `rendering` with pygame, `report.drawing.arena` with M
 Lengths are in u.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +38,8 @@ LAYERS = {
     "view": Layer("#777777", 0.8, size=EXTENT / 2, sign="square", label="what is seen"),
     "candidates": Layer("#969696", 0.5),
     "uncertainty": Layer("#0072b2", 0.5, 0.4, NUM_DEVIATIONS, "ring", f"uncertainty ({NUM_DEVIATIONS} sd)"),
+    "times": Layer("#333333", 0.6, 0.6),
+    "way": Layer("#cc79a7", 2.0),
     "past": Layer("#000000", 1.3, sign="line", label="past path"),
     "start": Layer("#000000", size=0.03, sign="square", label="start"),
     "plan": Layer("#0072b2", 1.3, sign="line", label="planned path"),
@@ -74,6 +77,10 @@ class Scene(NamedTuple):
     """`[H, 2]`, their standard deviations."""
     candidates: np.ndarray | None = None
     """`[N, H, 2]`, other paths that were considered."""
+    times: Sequence[np.ndarray] = ()
+    """Lines of equal times to go, `[points, 2]` each."""
+    way: np.ndarray | None = None
+    """`[points, 2]`, the way that it follows to its goal."""
     past: np.ndarray | None = None
     """`[T, 2]`, where the vehicle has been, up to now."""
     start: np.ndarray | None = None
@@ -98,6 +105,8 @@ class Scene(NamedTuple):
             "view": [(here + size["view"] * SQUARE,)] if self.view else [],
             "candidates": [([here, *candidate],) for candidate in candidates],
             "uncertainty": [(point, size["uncertainty"] * each) for point, each in zip(path, deviations, strict=False)],
+            "times": [(line,) for line in self.times],
+            "way": [] if self.way is None else [(self.way,)],
             "past": [(past,)],
             "start": [] if self.start is None else [(self.start + size["start"] * SQUARE,)],
             "plan": [(path if self.in_fog else [here, *path],)],
@@ -111,7 +120,7 @@ class Scene(NamedTuple):
         marks = circle_marks(self.layout, self.ground is None)
         for name, layer in LAYERS.items():
             looks = [layer]
-            if self.ground is not None and layer.width and name not in ("view", "candidates"):
+            if self.ground is not None and layer.width and name not in ("view", "candidates", "times"):
                 looks.insert(0, layer._replace(color="#ffffff", width=layer.width + 2))  # whatever the ground's colour
             marks += [Mark(look, np.atleast_2d(points), *radii) for look in looks for points, *radii in shapes[name]]
         return [mark for mark in marks if mark.radii is not None or np.ptp(mark.points, axis=0).any()]

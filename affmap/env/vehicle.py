@@ -16,7 +16,8 @@ from affmap.env.body import ROUNDING, AnyVehicle
 from affmap.env.body import load as load_vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
-from affmap.env.procedural import AnyLayout, Procedural, load
+from affmap.env.procedural import AnyLayout, load
+from affmap.env.rules import Rules
 from affmap.settings import Settings
 from affmap.settings.messages import format_value
 from affmap.view import PIXELS, view
@@ -150,7 +151,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if unknown := set(options) - {"corner", "position", "goal"}:
             raise ValueError(f"options {sorted(unknown)} are unknown; give corner, or position and goal.")
         layout = self._arena
-        if isinstance(layout, Procedural):
+        if isinstance(layout, Rules):
             layout = layout.draw(self.np_random)
             layout.check_corners(self.vehicle.radius)
         corner = options.get("corner")

@@ -31,6 +31,9 @@ from affmap.view import VisibleLayout, view, views
 class Lookup(Protocol):
     """Position -> context code, for a stack in one world."""
 
+    worlds: Sequence[VisibleLayout]
+    """One shared by all problems, or one for each."""
+
     def __call__(self, positions: Tensor) -> Tensor:
         """Context codes at `positions` `[M, ..., 2]` (u): `[M, ..., C]`."""
         ...

@@ -1,7 +1,7 @@
 """The game: a layout, a vehicle, an agent, and everything that the player may change. Knows no pixels and no keys."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from itertools import count
 from typing import NamedTuple
 
@@ -11,14 +11,16 @@ import torch
 from affmap.control import pretrained
 from affmap.control.agent import Agent
 from affmap.control.pilot import Pilot, Thought
+from affmap.control.time_to_go import TimeToGo
 from affmap.env.layout import Layout
+from affmap.env.procedural import Procedural, first_layout, kind
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, LookupSettings, make_lookup
 from affmap.model.palette import Palette
 from affmap.model.stack import Stack
 from affmap.settings import ConfigError, names, read
 
-BETAS, LOOKUPS = (0.0, 1.0, 10.0, 100.0), ("map", "exact")
+BETAS, LOOKUPS, GUIDES = (0.0, 1.0, 10.0, 100.0), ("map", "exact"), ("none", "time_to_go")
 GROUND_SPACING = 0.04
 """Spacing of the nodes of the displayed map, u; painting takes a hundredth of a second."""
 
@@ -33,6 +35,7 @@ class Setting(NamedTuple):
     planner: str
     beta: float
     lookup: str
+    guide: str
 
 
 class Game:
@@ -63,11 +66,12 @@ class Game:
         self.source, self.origin = source, pretrained.origin(source)
         size = self.origin.context_sizes[-1] if context_size is None else context_size
         beta = pretrained.load(source, context_size=size).settings.beta
-        self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0])
+        self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0], GUIDES[0])
         self.worlds = _worlds(self.origin.channels)
         self.planners = sorted({self.origin.planner, *names("planner")})
         self.by_hand, self.throttles, self.message = False, np.zeros(4), ""
         self._seeds = count()
+        self._lines = lru_cache(maxsize=1)(TimeToGo.lines)  # drawn 30 times a second
         self._load = cache(self._make)  # so that moving a circle reads no files
         home = self.origin.layout if self.origin.layout in self.worlds else self.worlds[0]  # not a random one
         self.enter(world or home)
@@ -80,7 +84,7 @@ class Game:
         """
         if world not in self.worlds:
             raise ConfigError(f"world {world!r} is not one that these models can see: {', '.join(self.worlds)}.")
-        self.world, self.layout = world, Layout.load("layout", world)
+        self.world, self.layout = world, first_layout(world, seed=0)
         self.env = VehicleEnv(self.layout, self.origin.vehicle)
         self._take_controls(new_colors=True)
         self.reset()
@@ -152,15 +156,29 @@ class Game:
         return agent.lookup(position)[0, 0].numpy()
 
     @property
+    def way(self) -> np.ndarray | None:
+        """Shortest way from the vehicle to the goal by the agent's map of times to go, `[points, 2]` in u."""
+        made = self._pilot.time_to_go
+        if made is None or self.by_hand or not np.allclose(made.goals, self._observation["goal"]):
+            return None
+        return made.paths(self.past[-1][None])[0]
+
+    @property
+    def times(self) -> list[np.ndarray]:
+        """Lines of equal times to go by that map, `[points, 2]` each in u; none where it is not followed."""
+        made = self._pilot.time_to_go
+        return [] if made is None or self.way is None else self._lines(made)
+
+    @property
     def distance(self) -> float:
         """Distance from the vehicle to the goal, u."""
         return float(np.hypot(*(self.past[-1] - self.env.goal)))
 
     def _take_controls(self, new_colors: bool) -> None:
         """Put a new agent at the controls after a change of settings or layout."""
-        context_size, planner, beta, lookup = self.setting
+        context_size, planner, beta, lookup, guide = self.setting
         agent = self._load(context_size, planner, lookup)
-        agent.settings = agent.settings.model_copy(update={"beta": beta})
+        agent.settings = agent.settings.model_copy(update={"beta": beta, "guide": guide})
         self._pilot = Pilot(agent, self.layout, seed=next(self._seeds))
         self.thought = None
         self.ground = self._paint(agent.stack, new_colors) if context_size else None
@@ -179,6 +197,10 @@ class Game:
 
 
 def _worlds(channels: tuple[str, ...]) -> list[str]:
-    """Names of the fixed layouts with the given channels."""
+    """Names of the layouts with the given channels: fixed ones, and those of walls, of which there is one each."""
     layouts = {name: read("layout", name) for name in names("layout")}
-    return [name for name, values in layouts.items() if "circles" in values and tuple(values["channels"]) == channels]
+    return [
+        name
+        for name, values in layouts.items()
+        if kind(values) is not Procedural and tuple(values["channels"]) == channels
+    ]

@@ -13,7 +13,7 @@ from affmap.env.body import THROTTLES
 from affmap.env.rendering import BLACK, WHITE, Canvas, open_window
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
-from affmap.play.game import BETAS, LOOKUPS, Game
+from affmap.play.game import BETAS, GUIDES, LOOKUPS, Game
 from affmap.play.parser import Parser
 from affmap.results.setting import PLANNERS
 from affmap.settings import ConfigError
@@ -146,6 +146,8 @@ class Window:
             game.change(beta=_next(BETAS, setting.beta))
         elif key == pygame.K_l:
             game.change(lookup=_next(LOOKUPS, setting.lookup))
+        elif key == pygame.K_g:
+            game.change(guide=_next(GUIDES, setting.guide))
         elif key == pygame.K_h:
             self.shown = self.shown._replace(candidates=not self.shown.candidates)
         elif key == pygame.K_m:
@@ -169,6 +171,7 @@ class Window:
         scene = Scene(game.layout, env.vehicle.radius, game.past[-1], env.goal, env.goal_radius, env.action)
         ground = game.ground if self.shown.map else None
         scene = scene._replace(past=np.array(game.past[-200:]), in_fog=game.in_fog, view=self.shown.view, ground=ground)
+        scene = scene._replace(way=game.way, times=game.times)
         if thought:
             scene = scene._replace(path=thought.path, std=thought.std)
             scene = scene._replace(candidates=thought.candidates if self.shown.candidates else None)
@@ -189,6 +192,7 @@ class Window:
             f"P   planner: {planner}",
             f"B   beta, weight on uncertainty: {setting.beta:g}",
             f"L   look-up: {'affordance map' if setting.lookup == 'map' else 'exact'}",
+            f"G   guide: {'time to go' if setting.guide == 'time_to_go' else 'none, straight to the goal'}",
             f"W   world: {game.world}",
             f"M   map in colours: {_on(self.shown.map) if setting.context_size else 'there is none'}",
             f"H   candidates: {_on(self.shown.candidates)}",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike
 
 from affmap.env.body import AnyVehicle
 from affmap.env.body import load as load_vehicle
@@ -74,6 +75,32 @@ def affordance_map(source: Agent | AffordanceMap, *, index: int = 0, ax: Axes | 
     x, y = (np.linspace(0, side, num) for side, num in zip(world.size, (num_columns, num_rows), strict=True))
     with canvas(ax) as axes:
         arena.affordance_map(axes, painted.picture(index), x, y, world)
+    return axes
+
+
+def time_to_go(agent: Agent, goal: ArrayLike, *, index: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw times to go to a goal as lines over an affordance map: what actions do here, and in the whole arena.
+
+    Numbers are steps and what their uncertainty costs (`affmap.TimeToGo`); the goal is a cross.
+
+    Args:
+        agent: an agent with a context code.
+        goal: `[2]`, u.
+        index: of the map among those of all members (and worlds).
+        ax: where to draw.
+
+    Raises:
+        ConfigError: there is no such map, the context size is 0, or the goal is outside the arena.
+    """
+    from affmap.control.time_to_go import TimeToGo  # needs torch
+
+    painted = map_of(agent)
+    with canvas(ax) as axes:
+        affordance_map(painted, index=index, ax=axes)
+        made = TimeToGo.imagine(agent, np.broadcast_to(goal, (len(painted.codes), 2)))
+        arena.times_to_go(axes, made.clear(index), made.x, made.y, made.levels(index))
+        layer = LAYERS["goal"]
+        axes.plot(*made.goals[index], color=layer.color, ls="", zorder=4, **arena.SIGNS["cross"])
     return axes
 
 

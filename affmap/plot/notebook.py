@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from affmap.env.effects import EFFECTS
 from affmap.env.layout import Arena, Layout
 from affmap.env.procedural import Procedural
+from affmap.env.rules import Rules
 from affmap.plot import arena
 from affmap.plot.canvas import LAYOUT
 from affmap.random import generator
@@ -48,17 +49,22 @@ def layout(world: Layout) -> str:
     return _figure([partial(_world, world)], f"{_place(world)} Circles: {circles}.")
 
 
-def rules(rules: Procedural) -> str | None:
+def rules(rules: Rules) -> str | None:
     """The first worlds that member 0 flies in under some rules; None if no world obeys them."""
     try:
         worlds = [rules.draw(generator(0, "world", run)) for run in range(NUM_WORLDS)]
     except ValueError:
         return None
-    low, high = rules.count
-    kinds = listed([f"{EFFECTS[kind.effect].label}" for kind in rules.properties])
-    of = "of each kind" if rules.count_of == "property" else "in all"
-    facts = f"{_place(rules)} Rules for worlds with {low} to {high} circles {of}: {kinds}. The first of member 0:"
+    facts = f"{_place(rules)} Rules for worlds with {_contents(rules)}. The first of member 0:"
     return _figure([partial(_world, world) for world in worlds], facts)
+
+
+def _contents(rules: Rules) -> str:
+    if not isinstance(rules, Procedural):
+        return f"things at random places: {listed([EFFECTS[effect].label for effect in rules.effects])}"
+    low, high = rules.count
+    kinds = listed([f"{EFFECTS[effect].label}" for effect in rules.effects])
+    return f"{low} to {high} circles {'of each kind' if rules.count_of == 'property' else 'in all'}: {kinds}"
 
 
 def affordance_map(painted: "AffordanceMap") -> str | None:

@@ -165,6 +165,8 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
             continue
         effects = [{circle.effect for circle in world.circles} - {"none"} for world in worlds]
         every = set().union(*effects)
+        if len(every) < 2:  # nothing is mixed
+            continue
         parts = [f"{sum(each == every for each in effects)} have all {len(every)} properties"]
         foggy = np.array(["fog" in each for each in effects])
         if 0 < foggy.sum() < len(foggy):

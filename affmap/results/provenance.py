@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from affmap.env.effects import EFFECTS
+from affmap.env.procedural import kind
 from affmap.results.metrics import extra_metrics
 from affmap.results.numbers import NOTHING, points
 from affmap.results.setting import STAGES, Factor, Setting, make_factor
@@ -97,8 +98,8 @@ def fill(template: str, reports: Sequence[Results]) -> list[tuple[str, str]]:
             planner = {f"{job.planner}.{key}": value for key, value in config["planner"].items()}
             # A point about an effect is left out if no circle has it.
             layouts = [*config["training_layouts"], config["control_layout"]]
-            circles = [circle for layout in layouts for circle in layout.get("circles", layout.get("properties"))]
-            effects = {f"effect.{each['effect']}": EFFECTS[each["effect"]].label for each in circles}
+            names = [name for layout in layouts for name in kind(layout).model_validate(layout).effects]
+            effects = {f"effect.{name}": EFFECTS[name].label for name in names}
             values = leaves(config) | planner | effects | values
     return [
         (title, _PLACEHOLDER.sub(lambda match: _format(values[match[1]]), text))

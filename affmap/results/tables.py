@@ -14,6 +14,7 @@ from typing import Any
 
 import pandas as pd
 
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.results import files
 from affmap.results.design import Design
@@ -186,6 +187,10 @@ class Results(Design):
     @cached_property
     def _read_layouts(self) -> Callable[[Path], list[Layout]]:
         return cache(files.read_layouts)
+
+    def vehicle(self, setting: Setting) -> Vehicle:
+        """The vehicle of a setting."""
+        return Vehicle.model_validate(self.provenance[setting.control[0]]["config"]["vehicle"])
 
     def vehicle_radius(self, setting: Setting) -> float:
         """Radius of the vehicle of a setting, u."""

@@ -20,6 +20,7 @@ from affmap.control.registry import OracleSettings
 from affmap.control.straight import StraightAgent
 from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural
+from affmap.env.rules import Rules
 from affmap.pipeline.job import open_store
 from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
 from affmap.planning.cem import CEMPlanner
@@ -263,6 +264,11 @@ BAD: list[tuple[str, Any, str]] = [
     ("control.goal_radius", 0.0, "greater than 0"),
     ("control.goal_radius", 100.0, "would count runs as successes where they start"),
     ("control.goal_radius", 2.8, "the goal may be 2.778 u away"),  # 2.4 to the side and 1.4 up
+    ("control.guide", "star", "it should be 'none' or 'time_to_go'"),
+    ("control.guide_spacing", 0.01, "greater than or equal to 0.02"),
+    ("control.guide_steps", 0.0, "greater than 0"),
+    ("control.guide_uncertainty", -1.0, "greater than or equal to 0"),
+    ("control.guide_distance", 0.0, "greater than 0"),
     ("control.device", "tpu", "should be cpu, cuda or cuda:<number>"),
     ("control.device", "cuda:01", "should be cpu, cuda or cuda:<number>"),
     ("report.map_spacing", 0.0, "greater than 0"),
@@ -332,7 +338,13 @@ def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     assert keys - listed - free - physics == set()
 
 
-NEUTRAL = {"report": {"x", "color", "paper_figures"}, "model": {"transition"}, "training": {"cooldown"}}
+GUIDE = {"guide", "guide_spacing", "guide_steps", "guide_uncertainty", "guide_distance"}
+NEUTRAL = {
+    "report": {"x", "color", "paper_figures"},
+    "model": {"transition"},
+    "training": {"cooldown"},
+    "control": GUIDE,
+}
 """Keys that may be missing, which says the same as their neutral value."""
 
 
@@ -448,7 +460,7 @@ def test_every_layout_can_be_used(name: str) -> None:
         assert config.training_layouts == (config.control_layout,) == (config.map_layout,)
     else:
         (config,) = sweep.jobs(["world=training_fog", f"control_layout={name}"])
-        assert isinstance(config.control_layout, Procedural)
+        assert isinstance(config.control_layout, Rules)
     assert config.control_layout.name == name
 
 
@@ -494,6 +506,7 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("control.num_steps", 100, "control"),
     ("control.beta", 10.0, "control"),
     ("control.runs_per_member", 8, "control"),
+    ("control.guide", "time_to_go", "control"),
     ("lookup.spacing", 0.03, "control"),
     ("lookup.differentiable", True, "control"),
     ("planner.num_iterations", 3, "control"),
@@ -590,7 +603,7 @@ def test_lists_make_trials_if_they_have_one_length(lists: dict[str, list[float]]
         assert actual.model_dump(mode="json") == plain.model_dump(mode="json") | lists
 
 
-def all_layouts(config: Config) -> list[Layout | Procedural]:
+def all_layouts(config: Config) -> list[Layout | Rules]:
     return [*config.training_layouts, config.control_layout, config.map_layout]
 
 

@@ -400,6 +400,6 @@ def test_an_oracle_says_which_of_its_arguments_is_wrong() -> None:
     for std in (0.0, -1.0, math.nan):
         with pytest.raises(ConfigError, match=r"step_std = (0\.0|-1\.0|nan) should be above 0"):
             oracle([FOG], step_std=std)
-    made = oracle(WORLDS[:3])
-    with pytest.raises(ConfigError, match=f"knows 3 worlds, but plans for {B} vehicles"):
+    made = oracle(WORLDS[:4])
+    with pytest.raises(ConfigError, match=f"knows 4 worlds, but plans for {B} vehicles"):
         made.act(observations(), made.initial(B), [np.random.default_rng() for _ in range(B)])

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from affmap.env import geometry
 from affmap.env.body import Vehicle
-from affmap.env.geometry import crossable
+from affmap.env.geometry import crossable, way_length
 from affmap.env.layout import Acts, Layout
+from affmap.env.physics import Physics
 
 VEHICLE = Vehicle.load("vehicle", "default")  # radius 0.06 u, thrust 1 N, force 0.5 N
 START, GOAL = np.array([0.2, 1.0]), np.array([2.8, 1.0])
@@ -259,3 +260,23 @@ def test_what_is_seen_alone_is_what_a_fine_picture_shows_alone(
         alone = geometry.sees_only(nodes, world, things)
         assert alone.any() and not alone.all()
         assert (deepest[alone] <= 1e-9).all() and (deepest[~alone] > -0.008).all()
+
+
+def test_the_shortest_way_is_measured_along_both_axes() -> None:
+    """By hand: straight, around the corner, around a wall that leaves a door at the top, and behind a closed one."""
+    radius = VEHICLE.radius
+    assert way_length(world(), radius, START, GOAL) == pytest.approx(2.6)
+    assert way_length(world(), radius, START, np.array([0.5, 1.4])) == pytest.approx(0.3 + 0.4)
+    high = [each for each in wall("obstacle") if each[1] <= 1.25]  # up to y = 1.45, where the vehicle passes at 1.51
+    assert way_length(world(*high), radius, START, GOAL) == pytest.approx(2.6 + 2 * 0.55, abs=0.051)
+    assert way_length(world(*wall("obstacle")), radius, START, GOAL) == np.inf
+    assert way_length(world(*wall("fog")), radius, START, GOAL) == pytest.approx(2.6)
+
+
+def test_no_vehicle_is_faster_than_the_shortest_way_at_top_speed() -> None:
+    """Full thrust along an axis, from rest, by Box2D."""
+    physics, steps = Physics(world(), VEHICLE, START), 0
+    while physics.position[0] < GOAL[0]:
+        physics.step(np.array([1.0, 0, 0, 1.0]))
+        steps += 1
+    assert way_length(world(), VEHICLE.radius, START, GOAL) / VEHICLE.top_speed < steps

@@ -20,6 +20,8 @@ def test_parts_lie_in_the_order_of_their_layers_above_the_circles() -> None:
         goal_radius=0.1,
         action=np.ones(4),
         candidates=PATH[None],
+        times=[PATH],
+        way=PATH,
         past=np.array([[0.1, 0.1], [0.4, 0.3]]),
         start=np.array([0.1, 0.1]),
         view=True,

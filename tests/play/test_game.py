@@ -125,3 +125,27 @@ def test_what_a_system_leaves_beside_layouts_and_planners_is_none_of_them(
     monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
     game = Game("exp1")
     assert "original" in game.worlds and game.planners == Game("exp1").planners == ["cem", "gradient"]
+
+
+def test_a_guide_shows_the_way_and_the_times_to_go(game: Game) -> None:
+    """From the vehicle to the goal, and lines around it; to a new goal once the agent has seen it; none by hand."""
+    assert game.way is None and game.times == []
+    game.change(guide="time_to_go")
+    game.step()
+    assert game.way is not None
+    np.testing.assert_allclose(game.way[[0, -1]], [game.past[-1], game.env.goal], atol=1e-6)
+    assert len(game.times) > 5 and all(line.shape[1] == 2 and len(line) > 1 for line in game.times)
+    game.set_goal((1.5, 1.0))
+    assert game.way is None
+    game.step(paused=True)
+    game.step()
+    assert game.way is not None
+    np.testing.assert_allclose(game.way[-1], [1.5, 1.0])
+    game.by_hand = True
+    assert game.way is None and game.times == []
+
+
+def test_walls_can_be_played() -> None:
+    """The world that member 0 flies in first."""
+    game = Game("exp5", "spiral")
+    assert game.layout.name == "spiral" and len(game.layout.circles) > 50

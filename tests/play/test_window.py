@@ -65,7 +65,7 @@ def test_the_view_is_the_right_way_up(shown: Window) -> None:
         game.reset()
     left = round(3 * SCALE) + window.MARGIN
     shown.draw()
-    top = window.MARGIN + 25 * 9 + 12 + 18
+    top = window.MARGIN + 25 * 10 + 12 + 18
     shade = {place: shown.screen.get_at((left + place[0], top + place[1]))[0] for place in ((3, 106), (106, 3), (3, 3))}
     assert shade[3, 106] == 60, "the corner itself"
     assert shade[106, 3] == 235, "the open side"
@@ -78,6 +78,7 @@ def test_keys_change_what_they_say(shown: Window) -> None:
         (pygame.K_p, "planner", ["gradient", "cem"]),
         (pygame.K_b, "beta", [10.0, 100.0, 0.0, 1.0]),
         (pygame.K_l, "lookup", ["exact", "map"]),
+        (pygame.K_g, "guide", ["time_to_go", "none"]),
     ):
         for value in values:
             press(shown, key)

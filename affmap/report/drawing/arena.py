@@ -72,6 +72,22 @@ def arena(ax: Axes, world: Layout | VisibleLayout) -> Axes:
     return ax
 
 
+def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats, levels: Floats) -> Axes:
+    """Draw lines of equal times to go, every other one with its number.
+
+    Args:
+        ax: where to draw.
+        steps: `[Y, X]`, steps from each node to the goal; masked where there is no way.
+        x: `[X]`, of the nodes, u.
+        y: `[Y]`, of the nodes, u.
+        levels: steps of the lines, ascending.
+    """
+    if min(steps.shape) > 1:
+        lines = ax.contour(x, y, steps, levels=levels, colors="black", linewidths=0.7)
+        ax.clabel(lines, lines.levels[::2], fmt="%g", fontsize=5.5, colors="black")
+    return ax
+
+
 def label_outer(grid: "np.ndarray[Any, Any]", count: int) -> None:
     """Label the axes of arenas at the left of a grid and at the foot of each column; others share these.
 

@@ -1,0 +1,1 @@
+"""Experiment VII, beyond the horizon."""

@@ -1,0 +1,96 @@
+"""Random worlds of walls: their rules, read back from drawn circles, and a way from each corner to the opposite one."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from affmap.env.body import Vehicle
+from affmap.env.geometry import crossable
+from affmap.env.layout import Layout
+from affmap.env.procedural import load
+from affmap.env.vehicle import VehicleEnv
+from affmap.env.walls import Walls
+from affmap.random import generator
+from affmap.settings import ConfigError, read
+
+FILES = ("rooms", "spiral", "trap")
+VEHICLE = Vehicle.load("vehicle", "default")
+SEEDS = 12
+
+
+def walls(**changes: Any) -> Walls:
+    """An L of two lines on the lower border."""
+    own = {"name": "mine", "walls": [[[1.0, 0.0], [1.0, 1.0], [2.0, 1.0]]], "radius": 0.1, "shift": 0.05}
+    return Walls.checked(read("layout", "trap") | own | changes, "here")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_each_corner_has_a_way_to_the_opposite_one(name: str) -> None:
+    """In every world that is drawn; the corners themselves are free."""
+    rules = load(name)
+    assert isinstance(rules, Walls)
+    for seed in range(SEEDS):
+        layout = rules.draw(generator(seed, "world", 0))
+        layout.check_corners(VEHICLE.radius)
+        for corner in (0, 1):
+            start, goal = (layout.corner(index).mean(0) for index in (corner, 3 - corner))
+            assert crossable(layout, VEHICLE, start, goal), (name, seed, corner)
+
+
+def test_walls_are_rows_of_circles_without_a_gap() -> None:
+    """Without a shift or mirrors, by hand: eleven circles up, ten more to the right, a radius apart."""
+    drawn = {tuple(layout.circles) for layout in (walls(shift=0).draw(generator(s, "w")) for s in range(40))}
+    assert len(drawn) == 4  # mirrored or not, along either axis
+    expected = [(1.0, round(0.1 * k, 6)) for k in range(11)] + [(round(1 + 0.1 * k, 6), 1.0) for k in range(1, 11)]
+    assert any([tuple(np.round(each.center, 6)) for each in circles] == expected for circles in drawn)
+    assert {(each.radius, each.effect, each.channel) for circles in drawn for each in circles} == {
+        (0.1, "obstacle", "solid")
+    }
+
+
+def test_joints_stay_joints_and_borders_borders() -> None:
+    """In many draws: corners move within the shift, both lines end in one joint, and the first begins on a border."""
+    places = []
+    for seed in range(50):
+        centers = np.array([circle.center for circle in walls().draw(generator(seed, "w")).circles])
+        assert len({tuple(each) for each in centers}) == len(centers)
+        assert np.linalg.norm(np.diff(centers, axis=0), axis=1).max() <= 0.1 + 1e-9
+        assert centers[0, 1] in (0.0, 2.0)
+        x = min(centers[0, 0], 3 - centers[0, 0])
+        places.append(x)
+        assert 0.95 <= x <= 1.05
+    assert np.ptp(places) > 0.08
+
+
+def test_a_draw_depends_on_its_generator_alone() -> None:
+    one, same, other = (walls().draw(generator(seed, "w")) for seed in (1, 1, 2))
+    assert one == same != other
+
+
+def test_an_environment_flies_in_them() -> None:
+    """A new world each episode."""
+    env = VehicleEnv("trap", VEHICLE)
+    worlds = []
+    for seed in (0, 1):
+        env.reset(seed=seed)
+        worlds.append(env.layout)
+    assert worlds[0] != worlds[1] and all(isinstance(each, Layout) for each in worlds)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"channel": "moon"}, "channel = 'moon' is not one of channels"),
+        ({"walls": [[[1.0, 0.01], [1.0, 1.0]]]}, "leaves the arena of size [3.0, 2.0] when it moves by shift = 0.05"),
+        ({"walls": [[[1.0, 1.0]]]}, "walls[0]"),
+        ({"walls": []}, "walls = []"),
+        ({"radius": 0.001}, "radius = 0.001 is too small for walls of"),
+        ({"radius": 0}, "greater than 0"),
+        ({"shift": -1}, "greater than or equal to 0"),
+    ],
+)
+def test_bad_rules_are_named(changes: dict[str, Any], problem: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(problem)):
+        walls(**changes)
