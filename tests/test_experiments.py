@@ -43,8 +43,6 @@ COMPARISONS = {"lookups": "lookup.spacing=0,0.1,0.25"} | {
 }
 """Name -> the maps that agents look into."""
 
-"""Context sizes of the paper's experiments, and those of experiments about other keys."""
-
 SCRIPT = """
 import sys
 from affmap.cli import paper, report, run

@@ -37,8 +37,8 @@ class Volume(StrEnum):
     BEYOND = "beyond"
 
     @property
-    def title(self) -> str:
-        """Heading of the report."""
+    def heading(self) -> str:
+        """Title of the report."""
         subject = "the paper's experiments" if self is Volume.PAPER else "beyond the paper"
         return f"Affordances and active motor control: {subject}"
 
@@ -95,7 +95,7 @@ class PaperReport:
             }
             for chapter in self.chapters
         }
-        return {"title": self.volume.title, "notice": self.notice, "report": self.command, "experiments": experiments}
+        return {"title": self.volume.heading, "notice": self.notice, "report": self.command, "experiments": experiments}
 
     @property
     def page(self) -> Path:
@@ -125,7 +125,7 @@ class PaperContent:
 
     def title(self) -> str:
         """Title of the report."""
-        return self.report.volume.title
+        return self.report.volume.heading
 
     def notice(self) -> str:
         """Warning to the reader, and a note on incomplete chapters."""
