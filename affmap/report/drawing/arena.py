@@ -84,7 +84,7 @@ def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats, levels: Floats) -
     """
     if min(steps.shape) > 1:
         lines = ax.contour(x, y, steps, levels=levels, colors="black", linewidths=0.7)
-        ax.clabel(lines, lines.levels[::2], fmt="%g", fontsize=5.5, colors="black")
+        ax.clabel(lines, levels[::2], fmt="%g", fontsize=5.5, colors="black")
     return ax
 
 
