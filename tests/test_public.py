@@ -565,3 +565,18 @@ def test_the_guide_for_contributors_lists_every_folder() -> None:
     assert set(folders) == {*listed, "play"}
     loose = [path.name for path in (ROOT / "affmap").glob("*.py") if path.name != "__init__.py"]
     assert len(loose) <= 6 and all(name in guide for name in loose)
+
+
+def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -> None:
+    """Shares of successful runs, from their tables."""
+    text = page("README.md")
+    split, paper, given = (
+        percent("exp6", model, "procedural_hard", "model_transition") for model in ("split", "mlp", "split_channels")
+    )
+    assert f"In hard worlds {split} of the runs succeed, {paper} with the paper's model, and {given} where" in text
+    guided, greedy = (
+        [percent("exp7", agent, layout, "lookahead") for layout in ("trap", "rooms", "spiral")]
+        for agent in ("time_to_go", "horizon_20")
+    )
+    assert "in {} of the traps, {} of the rooms and {} of the spirals".format(*guided) in text
+    assert "without it in {}, {} and {}.".format(*greedy) in text

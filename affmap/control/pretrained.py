@@ -21,6 +21,7 @@ from affmap.planning.planner import Planner, is_planner
 from affmap.planning.registry import AnyPlanner
 from affmap.results import manifest, provenance
 from affmap.results.files import VALIDATION, read_validation
+from affmap.results.setting import make_factor
 from affmap.settings import ConfigError, Settings
 from affmap.settings.changes import changed
 from affmap.settings.messages import format_value
@@ -50,7 +51,7 @@ def load(
             `{"num_iterations": 5}`, which is that of the first job, or a saved agent's own.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.) A saved agent can be brought into any layout.
-        transition: the kind of transition model, such as `gru`, of those that the experiment has; by default the first.
+        transition: the transition model, such as `gru`, of those that the experiment has; by default the first.
         threads: of PyTorch, for the affordance map.
 
     Raises:
@@ -213,7 +214,7 @@ def _job(
     layout: str | None,
     transition: str | None,
 ) -> dict[str, Any]:
-    """First setting with a context size and, unless None, a layout and a kind of transition model.
+    """First setting with a context size and, unless None, a layout and a transition model.
 
     `source` is the user's name of the report.
     """
@@ -231,13 +232,15 @@ def _job(
     kinds = [_transition(record, job) for job in jobs]
     if transition not in (None, *kinds):
         raise ConfigError(
-            f"{source} has transition models of the kinds {', '.join(dict.fromkeys(kinds))}; none is {transition!r}."
+            f"{source} has the transition models {', '.join(dict.fromkeys(kinds))}; none is {transition!r}."
         )
     return next(job for job, kind in zip(jobs, kinds, strict=True) if transition in (None, kind))
 
 
 def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
-    """Kind of a setting's transition models."""
+    """Name by which a sweep chose a setting's transition models; their kind where it had no choice."""
+    if name := job.get(make_factor("model.transition").column):
+        return str(name)
     values = provenance.config_of(record, job["train"][0])["model"]
     return ModelSettings.checked(values, "the configuration of the models").transition.kind
 

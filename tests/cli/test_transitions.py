@@ -107,7 +107,7 @@ def test_an_agent_of_either_kind_flies_what_was_recorded(
         for key in ("position", "action", "planned_position", "prediction_error"):
             np.testing.assert_allclose(runs.trajectories[key], recorded[key], atol=1e-4)
     assert isinstance(affmap.load(swept / "output", context_size=1).stack.transition, MLP)
-    with pytest.raises(ConfigError, match="has transition models of the kinds mlp, gru; none is 'lstm'"):
+    with pytest.raises(ConfigError, match="has the transition models mlp, gru; none is 'lstm'"):
         affmap.load(swept / "output", context_size=1, transition="lstm")
 
 
