@@ -210,7 +210,12 @@ def name_places(ax: Axes, values: Sequence[Value], names: Mapping[Value, str] = 
         names: of the values, for readers; empty for numbers.
     """
     labels = [names.get(value, str(value)) for value in values]
-    ax.set_xticks(range(len(values)), labels, fontsize=6 if len(values) > 5 else None)
+    upright = len("".join(labels)) > LETTERS
+    ax.set_xticks(range(len(values)), labels, fontsize=6 if len(values) > 5 else None, rotation=90 * upright)
+
+
+LETTERS = 15
+"""More than these on the x axis of a narrow panel would overlap, and are turned."""
 
 
 def mark_zeros(ax: Axes, places: Iterable[float]) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from affmap.report.drawing import arena
+from affmap.report.drawing.colors import name_of
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.report.painted import Painted, first_settings, map_size, maps_of_size, of_part, paint, read_painted
 from affmap.results.examples import MAX_ROWS
@@ -45,7 +46,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     same = {key: last.values[key] for key in (LAYOUT.key, results.color.key) if key not in (results.x.key, PLANNER.key)}
     alike = [setting for value in results.x_values for setting in results.where({**same, results.x.key: value})]
     each = [read_painted(results, s) for s in first_settings((s for s in alike if s.context_size > 0), "map")]
-    sizes = [(results.x.format(part.setting.values[results.x.key]), paint([part], 0)[0], part) for part in each]
+    names = [name_of(results.x, part.setting.values[results.x.key], settings) for part in each]
+    sizes = [(name, paint([part], 0)[0], part) for name, part in zip(names, each, strict=True)]
     name = of_part(results, parts[-1], parts, settings, [results.color])
     if results.x == CONTEXT_SIZE or len(each) > 1:
         blocks.append((f"Member {members[0]} at each {results.x.label}{name}", 4, sizes))
