@@ -82,12 +82,12 @@ def test_every_damaged_file_of_the_published_run_is_told(
 def test_every_missing_folder_that_a_published_report_names_is_told(
     published: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One model, all models, one experiment of the paper, all of them; a report that nothing names is git's affair.
+    """One model, all models, one experiment, all of them; a report that nothing names is git's affair.
 
     Then everything: an empty folder, and none, are not as they were published.
     """
     models, papers = sorted((published / "store/train").iterdir()), sorted(published.glob("exp*"))
-    assert len(models) == 23 and len(papers) == 5
+    assert len(models) == 28 and len(papers) == 7
     away = published.with_name("away")
     away.mkdir()
     for folders in (models[:1], models, papers[1:2], papers):

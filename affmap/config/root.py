@@ -44,8 +44,9 @@ def _any_layout(name: Any) -> Any:
 
 
 def _kind(layout: Any) -> str:
-    kind = procedural.kind(layout) if isinstance(layout, Mapping) else type(layout)
-    return kind.__name__
+    if isinstance(layout, Mapping):
+        return procedural.kind(layout).__name__
+    return type(layout).__name__ if isinstance(layout, Rules) else Layout.__name__
 
 
 def _choices(values: Any) -> Any:

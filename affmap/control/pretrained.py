@@ -43,10 +43,10 @@ def load(
 
     Args:
         source: the folder of an experiment's report, such as `runs/exp1`, with its store beside it; or the name of an
-            experiment of the reference run, `exp1` to `exp5` (an installed package has only a part of it); or the
+            experiment of the reference run, `exp1` to `exp7` (an installed package has only a part of it); or the
             folder of an agent that was saved (`Agent.save`).
         context_size: C, of those that the experiment has, by default 8; that of a saved agent.
-        members: seeds of the members to load, of M; by default 0 alone of an experiment, and all of a saved agent.
+        members: seeds of the members to load, of M; by default the first of an experiment, and all of a saved agent.
         planner: any planner; or the name of a file of `conf/planner`; or changes of the default, such as
             `{"num_iterations": 5}`, which is that of the first job, or a saved agent's own.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
@@ -68,11 +68,13 @@ def load(
     if saved.is_saved(Path(source)):
         with limited(threads):
             return _load_saved(Path(source), context_size, members, planner, layout, transition)
-    context_size, members = 8 if context_size is None else context_size, (0,) if members is None else members
+    context_size = 8 if context_size is None else context_size
     report = _report(source)
     record = manifest.read(report)
     job = _job(record, report, source, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
+    if members is None:
+        members = (provenance.config_of(record, job["train"][0])["seed"],)
     stack, losses = read_members(report.parent / "store" / "train", source, job["train"], members)
     first = first_layout(config["control_layout"], members[0])
     with limited(threads):

@@ -14,8 +14,9 @@ from affmap.pipeline.train import TRAIN
 
 
 def jobs(overrides: Sequence[str] = (), experiments: Iterable[str] = ROOMS) -> list[Config]:
-    """All jobs of experiments, those of growing maps included, with `overrides` of their configurations."""
-    sweeps = [Sweep.read([f"experiment={name}", *overrides]) for name in experiments]
+    """All jobs of the paper's experiments, those of growing maps included, with `overrides` of their configurations."""
+    every = [Sweep.read([f"experiment={name}", *overrides]) for name in experiments]
+    sweeps = [sweep for sweep in every if sweep.first.report.paper_figures]
     growing = [growth for sweep in sweeps if (growth := sweep.growth())]
     return [config for sweep in (*sweeps, *growing) for config in sweep.configs]
 

@@ -85,7 +85,7 @@ def test_a_job_has_the_configuration_that_hydra_composes(line: str, monkeypatch:
     known = leaves(written)
     keys = sorted(key for key in {**known, **dict.fromkeys(CHOICES)} if not key.startswith(("sweep", "report.")))
     checked = 0
-    for _ in range(5):
+    for _ in range(9):
         swept = draw.sample(keys, 8)
         values = first | {key: ",".join(values_of(key, known.get(key), draw)) for key in swept}
         expanded = jobs.expand(parse([line, *(f"{key}={value}" for key, value in values.items())]))
