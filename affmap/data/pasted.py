@@ -18,7 +18,7 @@ NUM_PAIRS = 4096
 PAIRS_PER_UPDATE = 64
 """Pairs chosen from these for each update."""
 
-_DRAWS = 16 * NUM_PAIRS  # a seventh of random pairs from the paper's four worlds is of use
+_DRAWS = 16 * NUM_PAIRS  # more than enough: of random pairs from the paper's four worlds two in five are of use
 
 
 def paste(views: np.ndarray, rng: np.random.Generator) -> Windows | None:
