@@ -8,7 +8,7 @@ import pandas as pd
 
 from affmap.experiments.exp6.overlap import error_by_properties
 from affmap.results import claims, statistics
-from affmap.results.claims import SIGNED_RANK, Claim, Criterion
+from affmap.results.claims import SIGNED_RANK, Claim, Criterion, Test
 from affmap.results.files import Floats
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
@@ -36,10 +36,15 @@ OUTLIER = 2.0
 NAMES = {EASY: "easy", HARD: "hard", CROWDED: "crowded"}
 
 
+def _runs(results: Results, model: str, layout: str) -> pd.DataFrame:
+    """Runs of a model in a layout; none if it was not flown there."""
+    runs = claims.select_runs(results, layout)
+    return runs[runs[MODEL.column] == model] if MODEL.column in runs else runs.iloc[:0]
+
+
 def _scores(results: Results, model: str, layout: str, metric: str) -> Floats:
     """Means of a metric over the runs of each member, `[M]`; empty if the model was not flown there."""
-    runs = claims.select_runs(results, layout)
-    runs = runs[runs[MODEL.column] == model] if MODEL.column in runs else runs.iloc[:0]
+    runs = _runs(results, model, layout)
     return score_matrix(runs, metric).to_numpy(float)[:, 0] if len(runs) else np.empty(0)
 
 
@@ -50,11 +55,21 @@ def _oracle(results: Results, layout: str) -> float | None:
     return float(runs["success"].mean()) if len(runs) else None
 
 
-def _paired(results: Results, layout: str, metric: str, first: str, second: str, order: Order) -> Outcome:
+def _compared(
+    results: Results, layout: str, first: str, second: str, test: Test, name: str, metric: str = "success"
+) -> Outcome:
+    """Test the scores of two models in a layout; `name` is that of the test, for an outcome without scores."""
     one, other = (_scores(results, model, layout, metric) for model in (first, second))
     if not len(one) or len(one) != len(other):
-        return undecided(SIGNED_RANK, 0, f"needs runs of {first} and {second}")
-    return statistics.paired(one, other, order, METRICS[metric].statistic)
+        return undecided(name, 0, f"needs runs of {first} and {second}")
+    return test(one, other)
+
+
+def _paired(results: Results, layout: str, metric: str, first: str, second: str, order: Order) -> Outcome:
+    def test(one: Floats, other: Floats) -> Outcome:
+        return statistics.paired(one, other, order, METRICS[metric].statistic)
+
+    return _compared(results, layout, first, second, test, SIGNED_RANK, metric)
 
 
 def _beats(results: Results, first: str, second: str) -> list[Criterion]:
@@ -110,8 +125,7 @@ def _nearly_oracle(results: Results) -> list[Criterion]:
 
 def _errors(results: Results) -> list[Criterion]:
     """Test the levels of the prediction error in hard worlds, over the runs of each member."""
-    runs = claims.select_runs(results, HARD)
-    errors = (runs[runs[MODEL.column] == SPLIT] if MODEL.column in runs else runs.iloc[:0]).groupby("member")
+    errors = _runs(results, SPLIT, HARD).groupby("member")
     median, mean = (errors["prediction_error"].agg(each).to_numpy(float) for each in ("median", "mean"))
     return [
         Criterion(
@@ -170,20 +184,18 @@ def _costs_less(results: Results) -> list[Criterion]:
 
 
 def _learned_as_given(results: Results) -> list[Criterion]:
-    learned, given = (_scores(results, model, HARD, "success") for model in (SPLIT, GIVEN))
-    if len(learned) and len(learned) == len(given):
-        outcome = statistics.same(learned, given, MARGIN)
-    else:
-        outcome = undecided(f"95 % interval within ±{MARGIN:g}", 0, f"needs runs of {SPLIT} and {GIVEN}")
+    def test(learned: Floats, given: Floats) -> Outcome:
+        return statistics.same(learned, given, MARGIN)
+
+    outcome = _compared(results, HARD, SPLIT, GIVEN, test, f"95 % interval within ±{MARGIN:g}")
     return [Criterion("", f"{SPLIT} minus {GIVEN}", METRICS["success"].unit, outcome)]
 
 
 def _no_loss(results: Results) -> list[Criterion]:
-    split, paper = (_scores(results, model, EASY, "success") for model in (SPLIT, PAPER))
-    if len(split) and len(split) == len(paper):
-        outcome = statistics.at_least(split - paper, -MARGIN)
-    else:
-        outcome = undecided(f"95 % interval from {-MARGIN:g} up", 0, f"needs runs of {SPLIT} and {PAPER}")
+    def test(split: Floats, paper: Floats) -> Outcome:
+        return statistics.at_least(split - paper, -MARGIN)
+
+    outcome = _compared(results, EASY, SPLIT, PAPER, test, f"95 % interval from {-MARGIN:g} up")
     return [Criterion("", f"{SPLIT} minus {PAPER}", METRICS["success"].unit, outcome)]
 
 
