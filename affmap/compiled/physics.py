@@ -55,7 +55,8 @@ class Worlds(NamedTuple):
     """`[W, S, 5]`, solid things: a point, whether its distance counts along x and along y (a circle has
     both, a border one of them), and the distance of the vehicle's centre below which it touches, u."""
     fields: Array
-    """`[W, F, 5]`: centre, the distance from it below which a field acts (u), and the direction of its pull."""
+    """`[W, F, 6]`: centre, the distance from it below which a field acts (u), the direction of its pull, and a number;
+    of fields with the same number that overlap, one acts."""
 
 
 @compiled
@@ -115,10 +116,20 @@ def _force(body: Body, fields: Array, x: float, y: float, action: Array) -> Any:
         force_x += body.thrust * action[k] * body.throttles[k, 0]
         force_y += body.thrust * action[k] * body.throttles[k, 1]
     for k in range(len(fields)):
-        if math.hypot(x - fields[k, 0], y - fields[k, 1]) < fields[k, 2]:
-            force_x += body.force * fields[k, 3]
-            force_y += body.force * fields[k, 4]
+        if _acts(fields, k, x, y):
+            again = False
+            for j in range(k):
+                again |= fields[j, 5] == fields[k, 5] and _acts(fields, j, x, y)
+            if not again:
+                force_x += body.force * fields[k, 3]
+                force_y += body.force * fields[k, 4]
     return force_x, force_y
+
+
+@inlined
+def _acts(fields: Array, k: int, x: float, y: float) -> bool:
+    """Whether a place is in a field."""
+    return math.hypot(x - fields[k, 0], y - fields[k, 1]) < fields[k, 2]
 
 
 @compiled

@@ -2,7 +2,8 @@
 
 A model-predictive agent predicts a mean and a standard deviation of every step. An oracle takes both from the world, a
 half oracle takes one of them, and the other from a trained agent. Planner, sensors and starts are the same, so
-the difference in performance is the cost of errors in that part of the model. (The paper has no such agents.)
+the difference in performance is the cost of errors in that part of the model. An oracle that is `as_seen` knows no more
+than views show: not how many fields overlap at a place. (The paper has no such agents.)
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ class Oracle(PlanningAgent):
         planner: Planner,
         settings: ControlSettings,
         step_std: float | None = None,
+        as_seen: bool = False,
     ) -> None:
         """Know the world that all agents fly in, or the worlds of B (member-major).
 
@@ -52,6 +54,7 @@ class Oracle(PlanningAgent):
             planner: one that needs no gradients: physics has none.
             settings: the settings of control.
             step_std: standard deviation of a true step outside fog, u; None for that of `conf/agent/oracle.yaml`.
+            as_seen: whether overlapping fields of one look and effect are taken for one.
 
         Raises:
             ConfigError: there is no layout, the standard deviation is not positive, or numba is not installed.
@@ -67,10 +70,11 @@ class Oracle(PlanningAgent):
 
         self.vehicle = vehicle
         self.step_std = OracleSettings.load("agent", "oracle").std if step_std is None else step_std
-        self._twin, self._size = Twin(layouts, vehicle), layouts[0].size
+        self._twin, self._size, self._as_seen = Twin(layouts, vehicle, as_seen), layouts[0].size, as_seen
 
     def __repr__(self) -> str:
-        return f"Oracle({type(self.planner).__name__}, {counted(len(self._twin), 'world')})"
+        seen = ", as seen" if self._as_seen else ""
+        return f"Oracle({type(self.planner).__name__}, {counted(len(self._twin), 'world')}{seen})"
 
     @property
     def size(self) -> tuple[float, float]:
@@ -79,7 +83,7 @@ class Oracle(PlanningAgent):
 
     def elsewhere(self, layouts: Sequence[Layout]) -> Oracle:
         """Copy of the agent for another world, or for B others (member-major)."""
-        return Oracle(layouts, self.vehicle, self.planner, self.settings, self.step_std)
+        return Oracle(layouts, self.vehicle, self.planner, self.settings, self.step_std, self._as_seen)
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
         """Imagine candidates, see `PlanningAgent.imagine`."""

@@ -44,15 +44,16 @@ class AgentSettings(Settings, defaults="agent/planner"):
 class OracleSettings(Settings, defaults="agent/oracle"):
     """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
 
-    kind: Literal["oracle", "true_mean", "true_deviation"] = preset()
-    """Part of the imagination that is true: all, the mean or the deviation; the rest comes from the model."""
+    kind: Literal["oracle", "seen", "true_mean", "true_deviation"] = preset()
+    """Part of the imagination that is true: all; all that views show; the mean or the deviation, and the rest comes from
+    the model."""
     std: Length = preset()
     """Standard deviation of a true step outside fog, u."""
 
 
 def is_learned(agent: AgentSettings | OracleSettings | ConfiguredController) -> bool:
     """Whether an agent imagines with a trained model, wholly or in part."""
-    return isinstance(agent, AgentSettings) or (isinstance(agent, OracleSettings) and agent.kind != "oracle")
+    return isinstance(agent, AgentSettings) or (isinstance(agent, OracleSettings) and agent.kind.startswith("true"))
 
 
 AnyAgent = Annotated[AgentSettings | OracleSettings | ConfiguredController, PlainValidator(_registry.choose)]

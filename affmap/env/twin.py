@@ -18,8 +18,13 @@ from affmap.env.physics import TOUCH
 class Twin:
     """The physics of vehicles in one or several layouts."""
 
-    def __init__(self, layouts: Sequence[Layout], vehicle: Vehicle) -> None:
+    def __init__(self, layouts: Sequence[Layout], vehicle: Vehicle, as_seen: bool = False) -> None:
         """Take W layouts, and the vehicle that flies in each of them.
+
+        Args:
+            layouts: W of them.
+            vehicle: its physical constants.
+            as_seen: whether overlapping fields of one look and effect pull as one, since a view shows no more of them.
 
         Raises:
             ConfigError: a circle has an effect that is a force in Python.
@@ -29,7 +34,7 @@ class Twin:
         self._body = Body(time_step=vehicle.time_step_s, throttles=THROTTLES, **own)
         self._worlds = Worlds(
             _padded([_solids(layout, vehicle) for layout in layouts]),
-            _padded([_terrains(layout, vehicle, pulls()) for layout in layouts]),
+            _padded([_fields(layout, vehicle, as_seen) for layout in layouts]),
         )
         self._fog = _padded([_terrains(layout, vehicle, {"fog": ()}) for layout in layouts])
 
@@ -80,6 +85,14 @@ def _solids(layout: Layout, vehicle: Vehicle) -> np.ndarray:
     borders = [(0, 0, 1, 0, radius), (width, 0, 1, 0, radius), (0, 0, 0, 1, radius), (0, height, 0, 1, radius)]
     circles = [(*circle.center, 1, 1, circle.radius + radius) for circle in layout.obstacles]
     return np.array([*borders, *circles], float)
+
+
+def _fields(layout: Layout, vehicle: Vehicle, as_seen: bool) -> np.ndarray:
+    """Terrains that pull, and a number for each; as seen, one for all of a look and an effect."""
+    rows = _terrains(layout, vehicle, pulls())
+    looks = [(circle.effect, circle.channel) for circle in layout.circles if circle.effect in pulls()]
+    numbers = [looks.index(look) for look in looks] if as_seen else range(len(rows))
+    return np.column_stack([rows, np.array(numbers, float)])
 
 
 def _terrains(layout: Layout, vehicle: Vehicle, effects: Mapping[str, tuple[float, ...]]) -> np.ndarray:

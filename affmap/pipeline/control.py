@@ -60,8 +60,9 @@ def _controller(config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[
     settings = config.agent
     if not isinstance(settings, AgentSettings | OracleSettings):
         return settings
-    if settings.kind == "oracle":
-        return Oracle(layouts, config.vehicle, config.planner, config.control, settings.std)
+    if settings.kind in ("oracle", "seen"):
+        as_seen = settings.kind == "seen"
+        return Oracle(layouts, config.vehicle, config.planner, config.control, settings.std, as_seen)
     agent = Agent(stack, lookup, config.planner, config.control)
     if settings.kind == "planner":
         return agent

@@ -116,7 +116,12 @@ def test_agents_can_be_compared_one_with_the_other(swept: Path, tmp_path: Path) 
 
 @pytest.mark.parametrize(
     ("name", "kind", "true_mean"),
-    [("oracle", Oracle, None), ("true_mean", HalfOracle, True), ("true_deviation", HalfOracle, False)],
+    [
+        ("oracle", Oracle, None),
+        ("seen", Oracle, None),
+        ("true_mean", HalfOracle, True),
+        ("true_deviation", HalfOracle, False),
+    ],
 )
 def test_agents_that_know_the_physics_are_flown_by_the_pipeline(
     swept: Path, name: str, kind: type[Oracle], true_mean: bool | None, monkeypatch: pytest.MonkeyPatch

@@ -30,6 +30,7 @@ from affmap.settings import ConfigError, read
 from affmap.view import view
 
 VEHICLE = Vehicle.load("vehicle", "default")
+KINDS = ("oracle", "seen", "true_mean", "true_deviation")
 STEP_STD = 0.0005  # u, as in `conf/agent/oracle.yaml`
 SETTINGS = ControlSettings.load("control", "default")
 H = 6
@@ -144,8 +145,23 @@ def test_the_next_step_is_predicted_in_closed_form() -> None:
 
 
 def test_whole_and_half_oracles_have_the_same_deviation_outside_fog() -> None:
-    """Their three files; what is compared is only where means and deviations come from."""
-    assert {read("agent", name)["std"] for name in ("oracle", "true_mean", "true_deviation")} == {STEP_STD}
+    """Their files; what is compared is only where means and deviations come from."""
+    assert {read("agent", name)["std"] for name in KINDS} == {STEP_STD}
+
+
+def test_as_seen_two_fields_are_one() -> None:
+    """The oracle itself, in a world without the second field; elsewhere, too. Alone, each field is known to both."""
+    field = Layout.load("layout", "training_force_up").circles[0]
+    both = field.model_copy(update={"center": (field.x + 0.1, field.y)})
+    one, two = (FOG.model_copy(update={"circles": circles}) for circles in ((field,), (field, both)))
+    place = torch.tensor([[field.x + 0.05, field.y]])
+    seen = Observation(*(part[:1] for part in observations()))._replace(position=place)
+    actions = random_actions(1, 1)[:, :, :2]  # in both fields all the time
+    for knowing in (oracle([two], as_seen=True), oracle([one], as_seen=True).elsewhere([two])):
+        torch.testing.assert_close(knowing.true_path(seen, actions), oracle([one]).true_path(seen, actions))
+        assert repr(knowing).endswith("as seen)")
+    apart = oracle([two]).true_path(seen, actions) - oracle([one]).true_path(seen, actions)
+    assert (apart[..., 1] > 0).all()
 
 
 def test_it_predicts_the_first_step_of_its_plan() -> None:
@@ -164,6 +180,7 @@ def makers() -> dict[str, Any]:
     """Kind -> how to make it of seeds and layouts."""
     return {
         "oracle": lambda seeds, layouts: oracle(layouts),
+        "seen": lambda seeds, layouts: oracle(layouts, as_seen=True),
         "true_mean": lambda seeds, layouts: one_half(seeds, layouts, True),
         "true_deviation": lambda seeds, layouts: one_half(seeds, layouts, False),
     }

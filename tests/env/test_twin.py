@@ -117,6 +117,19 @@ def test_circles_begin_to_act_where_they_do_in_box2d(acts: Acts, limit: float) -
     assert twin.in_fog(number, start).tolist() == [False] * 4 + [True, False]
 
 
+def test_as_seen_overlapping_fields_of_one_look_pull_as_one() -> None:
+    """Closed form, as above; a place where two fields pull up and one of another look does, and one pulls down."""
+    twice, down = ((1.5, 1.0, 0.3, "force_up"), (1.6, 1.0, 0.3, "force_up")), (1.5, 1.1, 0.3, "force_down")
+    fields = [world(*twice), world(*twice, down), world(down, *twice, (1.55, 1.0, 0.2, "force_up")), world()]
+    other = fields[0].circles[1].model_copy(update={"channel": "fog"})
+    layouts = [*fields, fields[0].model_copy(update={"circles": (fields[0].circles[0], other)})]
+    start, number, dt = np.tile([1.55, 1.0], (5, 1)), np.arange(5), VEHICLE.time_step_s
+    unit = dt**2 * VEHICLE.force / VEHICLE.mass * (1 - dt * VEHICLE.damping)
+    for as_seen, pulls in ((False, [2, 1, 2, 0, 2]), (True, [1, 0, 0, 0, 2])):
+        path = Twin(layouts, VEHICLE, as_seen).fly(number, start, np.zeros((5, 2)), np.zeros((5, 1, 4)))[:, 0]
+        np.testing.assert_allclose(path - start, [[0, pull * unit] for pull in pulls], atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["original", "procedural_hard"])
 def test_vehicles_side_by_side_are_vehicles_alone(name: str) -> None:
     """Bit for bit, each with a twin of its own world; starts and actions are left as they were."""
