@@ -249,7 +249,11 @@ BAD: list[tuple[str, Any, str]] = [
     ("planner.initial_variance", 0.0, "greater than 0"),
     ("planner.momentum", 1, "less than 1"),
     ("planner.learning_rate", 0.1, "not a known key"),
-    ("agent.kind", "pilot", "'oracle' or 'seen' or 'true_mean' or 'true_deviation' or 'planner' or 'random' or 'straight'"),
+    (
+        "agent.kind",
+        "pilot",
+        "'oracle' or 'seen' or 'true_mean' or 'true_deviation' or 'planner' or 'random' or 'straight'",
+    ),
     ("agent.std", 0.0005, "not a known key"),
     ("agent.slow_distance", 0.3, "not a known key"),
     ("control.num_steps", 0, "greater than 0"),

@@ -8,18 +8,8 @@ import pandas as pd
 import pytest
 
 from affmap.env.layout import Circle, Layout
-from affmap.experiments.exp6.claims import (
-    ADDITIVE,
-    CLAIMS,
-    CROWDED,
-    EASY,
-    GIVEN,
-    HARD,
-    HYPER,
-    MODEL,
-    PAPER,
-    SPLIT,
-)
+from affmap.experiments.composing import CROWDED, EASY, HARD
+from affmap.experiments.exp6.claims import ADDITIVE, CLAIMS, GIVEN, HYPER, MODEL, PAPER, SPLIT
 from affmap.experiments.exp6.overlap import error_by_properties, num_properties
 from affmap.results.files import Trajectories
 from affmap.results.statistics import Verdict
@@ -83,7 +73,7 @@ def results(errors: dict[int, float] | None = None, **changes: dict[str, float])
             ]
         losses += [{MODEL.column: model, "member": member, "validation_nll": -10.0} for member in range(MEMBERS)]
     oracle = [
-        {"planner": "oracle", "layout": place, "success": run < 10 * share}
+        {"planner": "oracle", "layout": place, "member": 200, "success": run < 10 * share}
         for place, share in {EASY: 1.0, HARD: 1.0, CROWDED: 0.8}.items()
         for run in range(10)
     ]
@@ -116,7 +106,9 @@ def test_claims_that_were_built_into_the_data_hold() -> None:
     assert found.pop("VI-5") == [Verdict.NOT_DECIDED]
     assert {name: {*parts} for name, parts in found.items()} == {name: {Verdict.HOLDS} for name in found}
     notes = [part.outcome.note for part in CLAIMS[0].test(results())]
-    assert notes[0] == "composition index 1.00" and "composition index" not in notes[1]
+    assert (
+        notes[0] == "1.00 of the way from mlp to the oracle (composition index)" and "composition index" not in notes[1]
+    )
 
 
 @pytest.mark.parametrize(

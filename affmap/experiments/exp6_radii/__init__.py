@@ -1,0 +1,1 @@
+"""Experiment VI once more, with circles of several radii in training."""
