@@ -45,8 +45,8 @@ class OracleSettings(Settings, defaults="agent/oracle"):
     """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
 
     kind: Literal["oracle", "seen", "true_mean", "true_deviation"] = preset()
-    """Part of the imagination that is true: all; all that views show; the mean or the deviation, and the rest comes from
-    the model."""
+    """Part of the imagination that is true: all; all that views show; or the mean or the deviation, the other being the
+    model's."""
     std: Length = preset()
     """Standard deviation of a true step outside fog, u."""
 

@@ -1,4 +1,4 @@
-"""Tests of models that were trained on one property at a time and fly where several overlap, for Experiment VI's claims.
+"""Tests of models trained on one property at a time that fly where several overlap, for Experiment VI's claims.
 
 Models are the values of a factor; each of them flies in easy, hard and crowded worlds of Experiment V. A member's score
 is its mean over its runs; tests are paired by member.

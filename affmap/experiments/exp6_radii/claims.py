@@ -23,8 +23,8 @@ ONE_RADIUS = {PAPER: "mlp_one_radius", SPLIT: "split_one_radius"}
 """Model -> the same, trained with the paper's circles."""
 
 BOUND = {HARD: ("oracle", 0.95), CROWDED: ("seen", 0.9)}
-"""Layout -> the agent that bounds success, and the share of its successful runs; crowded worlds have overlaps of one kind
-of field, which no view shows."""
+"""Layout -> the agent that bounds success, and the share of its successful runs; in crowded worlds fields of one kind
+overlap, which no view shows."""
 
 
 def _models(results: Results) -> Models:
