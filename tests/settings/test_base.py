@@ -376,7 +376,7 @@ def test_every_file_with_a_class_gives_the_defaults_of_its_calls(monkeypatch: py
     kinds = [kind for kind in derived if kind.__module__.startswith("affmap.") and kind._file]
     chosen = [each for each in settings.read(".", "config")["defaults"] if isinstance(each, dict)]
     first = {f"{group}/{name}" for each in chosen for group, name in each.items()}
-    without_class = {"experiment/None", "search/None", "lookahead/None", "models/train", "scale/full"}
+    without_class = {"experiment/None", "search/None", "lookahead/None", "learner/None", "models/train", "scale/full"}
     ours = {each for each in first if not each.startswith("override")} - without_class
     assert ours < {kind._file for kind in kinds}
     for kind in kinds:
