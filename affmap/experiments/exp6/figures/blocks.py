@@ -86,11 +86,9 @@ def _titles(shares: pd.DataFrame) -> list[str]:
     lines = []
     for block, own in shares.groupby("block"):
         notable = own[own["share"] >= NOTABLE].sort_values("share", ascending=False)
-        named = [
-            f"{EFFECTS[kind].label} {part:.0%}".replace(" ", NO_BREAK)
-            for kind, part in notable[["effect", "share"]].to_numpy()
-        ]
-        lines.append([f"block {block}:", *textwrap.wrap(", ".join(named) or "little of any", 30)])
+        named = [f"{EFFECTS[kind].label} {part:.0%}" for kind, part in notable[["effect", "share"]].to_numpy()]
+        text = ", ".join(each.replace(" ", NO_BREAK) for each in named) or f"below {NOTABLE:.0%} of each"
+        lines.append([f"block {block}:", *textwrap.wrap(text, 30)])
     height = max(map(len, lines))
     return ["\n".join(each + [""] * (height - len(each))) for each in lines]
 
