@@ -17,7 +17,7 @@ import yaml
 
 from affmap.env.layout import Circle, Layout
 from affmap.results import files
-from affmap.results.files import Deviations, Maps, Trajectories
+from affmap.results.files import Blocks, Deviations, Maps, Trajectories
 from affmap.results.halo import fog_distance
 from affmap.results.setting import Setting
 
@@ -132,6 +132,13 @@ def _write_job(
     }
     values = {"model.context_size": size, "planner": planner, "control_layout": condition.control}
     return Setting(values, folders)
+
+
+def with_blocks(root: Path, setting: Setting, blocks: Blocks, shares: pd.DataFrame) -> Setting:
+    """The setting with the stage of the effects of blocks, written from these numbers."""
+    config = {"values": {**setting.values}}
+    folders = _ensure(root, "blocks", config, lambda folder: files.write_blocks(folder, blocks, shares))
+    return Setting(setting.values, {**setting.folders, "blocks": folders})
 
 
 def _ensure(root: Path, stage: str, config: dict[str, Any], write: Callable[[Path], None]) -> tuple[Path]:

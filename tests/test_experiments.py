@@ -80,6 +80,7 @@ def test_an_experiment_ends_with_its_report(place: Path, experiment: str) -> Non
     assert (output / "report.pdf").read_bytes().startswith(b"%PDF")
     HTMLParser().feed((output / "report.html").read_text("utf-8"))
     assert len(list((output / "figures").glob("*.png"))) >= 5
+    assert (output / "figures" / "blocks.png").is_file() == (experiment == "exp6")
     runs = pd.read_csv(output / "tables" / "runs.csv")
     number, count, settings = CLAIMS[experiment]
     assert len(runs) == settings * 2 * 4

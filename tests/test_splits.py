@@ -12,7 +12,7 @@ from affmap import pipeline
 from affmap.cli.app import read_sweep
 from affmap.config.sweep import Sweep
 from affmap.results.files import read_maps
-from affmap.results.setting import STAGES, Setting
+from affmap.results.setting import Setting
 from affmap.results.tables import Results, join
 from affmap.settings import ConfigError
 
@@ -72,7 +72,7 @@ def test_every_split_gives_the_arrays_of_one_job(ran: dict[str, tuple[Setting, .
 def test_the_order_of_jobs_does_not_matter(ran: dict[str, tuple[Setting, ...]]) -> None:
     """Reversed: the same folders in the same order."""
     alone = [
-        Setting(job.values, {stage: (folder,) for stage, folder in zip(STAGES, folders, strict=True)})
+        Setting(job.values, {stage: (folder,) for stage, folder in zip(job.folders, folders, strict=True)})
         for job in ran["six jobs"]
         for folders in zip(6 * job.data, job.train, job.predict, job.map, job.control, strict=True)
     ]

@@ -16,13 +16,15 @@ from commands import line
 
 from affmap import pipeline
 from affmap.config import sweep
-from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
+from affmap.pipeline.stage import BLOCKS, CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
 from affmap.results.setting import Setting
 
 STORED = Path(__file__).parent / "golden" / "toy"
 VERSIONS = STORED / "versions.json"
-DEFINITIONS = {definition.name: definition for definition in (DATA, TRAIN, PREDICT, MAP, CONTROL)}
-SWEEP = ["world=fog", "acts=rim", "model.context_size=2", "planner=cem,gradient", "training.snapshot_epochs=[1]"]
+DEFINITIONS = {definition.name: definition for definition in (DATA, TRAIN, PREDICT, MAP, BLOCKS, CONTROL)}
+TOY = ["world=fog", "acts=rim", "training.snapshot_epochs=[1]"]
+SWEEP = [*TOY, "model.context_size=2", "planner=cem,gradient"]
+WITH_BLOCKS = [*TOY, "model.context_size=4", "planner=cem", "model/transition=split"]
 TOLERANCE = 1e-3
 """Relative and absolute, as in `tests/test_splits.py`: another processor rounds differently."""
 
@@ -43,17 +45,19 @@ NUMBERS: dict[str, Callable[[Setting], pd.DataFrame]] = {
     "train": lambda job: pd.read_csv(job.train[0] / "validation.csv"),
     "predict": lambda job: pd.read_csv(job.predict[0] / "steps.csv"),
     "map": lambda job: moments(job.map[0], "maps.npz", ("codes", "initial_codes")),
+    "blocks": lambda job: pd.read_csv(job.blocks[0] / "shares.csv"),
     "control": lambda job: pd.read_csv(job.control[0] / "runs.csv"),
 }
 """Stage -> its numbers as a table."""
 
 
 def run(folder: Path) -> dict[str, pd.DataFrame]:
-    """The numbers of the toy run, stage by stage; those of control are of both planners."""
-    configs = sweep.jobs(sweep.complete(line(folder, *SWEEP)))
-    jobs = [pipeline.run(config) for config in configs]
+    """The numbers of the toy run, stage by stage; those of control are of both planners, blocks of another model."""
+    lines = [line(folder, *overrides) for overrides in (SWEEP, WITH_BLOCKS)]
+    *jobs, other = [pipeline.run(config) for each in lines for config in sweep.jobs(sweep.complete(each))]
+    chosen = {"control": jobs, "blocks": [other]}
     return {
-        stage: pd.concat([read(job) for job in (jobs if stage == "control" else jobs[:1])], ignore_index=True)
+        stage: pd.concat([read(job) for job in chosen.get(stage, jobs[:1])], ignore_index=True)
         for stage, read in NUMBERS.items()
     }
 

@@ -57,14 +57,18 @@ class Effects(Memoryless):
         self.effect_weight = uniform(generators, (context_size, units, 2 + 2), units)
         self.delta_scale, self.block_size, self.in_turn = delta_scale, block_size, in_turn
 
+    @property
+    def num_blocks(self) -> int:
+        """Number of blocks, B."""
+        return self.block_weight.shape[1]
+
     def step(self) -> StepFunction:
         """Step function with the present weights, see `affmap.model.transition.TransitionModel.step`."""
-        blocks = range(self.block_weight.shape[1])
+        blocks = range(self.num_blocks)
         stages = [[block] for block in reversed(blocks)] if self.in_turn else [list(blocks)]
 
         def step(carry: Carry, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Carry, Gaussian]:
-            inputs = torch.cat([self.delta_scale * delta, action], dim=-1)
-            motion, log_std = self.free_output(tanh(self.free_hidden(inputs))).chunk(2, dim=-1)
+            inputs, motion, log_std = self._free(delta, action)
             variance = (2 * log_std).exp()
             for stage in stages:
                 effects = [self._effect(block, code, torch.cat([inputs, motion], dim=-1)) for block in stage]
@@ -73,6 +77,23 @@ class Effects(Memoryless):
             return carry, Gaussian(motion / self.delta_scale, 0.5 * variance.log() - math.log(self.delta_scale))
 
         return step
+
+    def alone(self, block: int, code: Tensor, delta: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Effect of one block alone, as if the code of all others were 0; arguments as those of a step.
+
+        Returns:
+            Change of the mean of free motion, and deviation beside that of free motion (its sign means nothing), each
+            `[M, P, 2]` in u/step.
+        """
+        inputs, motion, _ = self._free(delta, action)
+        change, deviation = self._effect(block, code, torch.cat([inputs, motion], dim=-1))
+        return change / self.delta_scale, deviation / self.delta_scale
+
+    def _free(self, delta: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Inputs `[M, P, 6]`, and mean and logarithm of the deviation of free motion, `[M, P, 2]` each, scaled."""
+        inputs = torch.cat([self.delta_scale * delta, action], dim=-1)
+        motion, log_std = self.free_output(tanh(self.free_hidden(inputs))).chunk(2, dim=-1)
+        return inputs, motion, log_std
 
     def _effect(self, block: int, code: Tensor, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Change of the mean and deviation by a block, `[M, P, 2]` each, scaled; `inputs` are `[M, P, 8]`."""

@@ -73,6 +73,11 @@ class CodeSettings(Settings):
         """Whether the training loss has terms besides the likelihood."""
         return bool(self.paste or self.effect_std or self.penalty)
 
+    @property
+    def in_blocks(self) -> bool:
+        """Whether the code consists of blocks with effects of their own, as in `affmap.model.effects.Effects`."""
+        return False
+
 
 @register_transition
 class MLPSettings(CodeSettings, defaults="model/transition/mlp"):
@@ -108,6 +113,11 @@ class EffectsSettings(CodeSettings):
     """Whether all effects start from free motion, or blocks act in turn on the motion that others changed."""
     block_size: Count
     """Units of the code in a block."""
+
+    @property
+    def in_blocks(self) -> bool:
+        """Whether the code consists of blocks with effects of their own: it does."""
+        return True
 
     def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
         """Draw the initial weights, see `TransitionSettings.make`; a quarter of the hidden units for each part."""

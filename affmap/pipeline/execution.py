@@ -12,13 +12,14 @@ import torch
 
 from affmap import compiled
 from affmap.config.root import Config, label
+from affmap.pipeline.blocks import make_blocks
 from affmap.pipeline.collect import make_data
 from affmap.pipeline.control import make_runs
 from affmap.pipeline.job import as_setting, check_models, check_trials, incomplete, open_store
 from affmap.pipeline.machine import check_devices, check_logger
 from affmap.pipeline.paint import make_maps
 from affmap.pipeline.predict import make_predictions
-from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
+from affmap.pipeline.stage import BLOCKS, CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition, stages_of
 from affmap.pipeline.train import make_models
 from affmap.results import files
 from affmap.results.setting import Setting
@@ -39,11 +40,15 @@ def run(config: Config) -> Setting:
     check_logger(config)
     _set_up(config)
     data, train = models(config, (TRAIN, CONTROL))
-    predictions = _ensure(config, PREDICT, (CONTROL,), lambda attempt: make_predictions(config, data, train, attempt))
-    maps = _ensure(config, MAP, (CONTROL,), lambda attempt: make_maps(config, train, attempt))
-    runs = _ensure(config, CONTROL, (CONTROL,), lambda attempt: make_runs(config, train, attempt))
+    make: dict[StageDefinition, Callable[[Attempt], None]] = {
+        PREDICT: lambda attempt: make_predictions(config, data, train, attempt),
+        MAP: lambda attempt: make_maps(config, train, attempt),
+        BLOCKS: lambda attempt: make_blocks(config, train, attempt),
+        CONTROL: lambda attempt: make_runs(config, train, attempt),
+    }
+    others = [_ensure(config, stage, (CONTROL,), make[stage]) for stage in stages_of(config) if stage in make]
     log.info("%s: complete", label(config))
-    return as_setting(config, (data, train, predictions, maps, runs))
+    return as_setting(config, (data, train, *others))
 
 
 def validation(config: Config) -> np.ndarray:

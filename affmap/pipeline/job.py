@@ -9,8 +9,8 @@ from typing import Any
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.control.registry import is_learned
-from affmap.pipeline.stage import CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
-from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, STAGES, Setting, Value
+from affmap.pipeline.stage import CONTROL, MAP, TRAIN, StageDefinition, stages_of
+from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, Value
 from affmap.settings import ConfigError
 from affmap.store.provenance import canonical
 from affmap.store.stage import Stage
@@ -19,7 +19,7 @@ from affmap.store.store import Store
 
 def stages(config: Config) -> tuple[Stage, ...]:
     """The stages of a job, in order."""
-    return tuple(stage.of(config) for stage in (DATA, TRAIN, PREDICT, MAP, CONTROL))
+    return tuple(stage.of(config) for stage in stages_of(config))
 
 
 def all_stages(sweep: Sweep) -> list[Stage]:
@@ -68,7 +68,8 @@ def as_setting(config: Config, folders: Sequence[Path], values: Mapping[str, Val
         PLANNER.key: config.controller,
         LAYOUT.key: config.control_layout.name,
     }
-    return Setting({**common, **values}, {name: (folder,) for name, folder in zip(STAGES, folders, strict=True)})
+    names = [stage.name for stage in stages_of(config)]
+    return Setting({**common, **values}, {name: (folder,) for name, folder in zip(names, folders, strict=True)})
 
 
 def agents_without_models(configs: Sequence[Config]) -> list[str]:

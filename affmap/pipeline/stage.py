@@ -48,6 +48,14 @@ DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
 TRAIN = StageDefinition("train", ("model", "training", "seed", "members"), needs=DATA, version=2)
 PREDICT = StageDefinition("predict", ("models", "report", "map_layout"), needs=TRAIN)
 MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
+BLOCKS = StageDefinition("blocks", ("models", "report", "map_layout"), needs=TRAIN)
+"""Only of models whose codes have blocks."""
 CONTROL = StageDefinition(
     "control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN, version=2
 )
+
+
+def stages_of(config: Config) -> tuple[StageDefinition, ...]:
+    """The kinds of stages that a job has, in order."""
+    has_blocks = config.model.code.in_blocks and config.model.context_size > 0
+    return (DATA, TRAIN, PREDICT, MAP, *((BLOCKS,) if has_blocks else ()), CONTROL)

@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from affmap.env.effects import EFFECTS
 from affmap.report import sentences
 from affmap.report.drawing.colors import name_of, readable
 from affmap.report.markdown import bullets, escape, table, text_table
+from affmap.report.painted import first_settings
 from affmap.results import provenance, scores
+from affmap.results.blocks import together
 from affmap.results.claims import Score
 from affmap.results.files import EVERYWHERE
 from affmap.results.halo import UNCERTAIN, WIDTH, beyond, halo
@@ -172,6 +175,20 @@ class Content:
             for row, shares in zip(rows, (halo(*place), beyond(*place)), strict=True):
                 row.append(f"{np.mean(shares):.0%}")
         return text_table(["Places", *(CONTEXT_SIZE.format(size) for size in settings)], rows)
+
+    def blocks(self) -> str:
+        """Share of the members in which one block has the largest part in two effects; empty without blocks."""
+        results, factor = self.results, self.results.training_factor
+        settings = first_settings((setting for setting in results.settings if setting.blocks), "blocks")
+        if not settings:
+            return ""
+        columns = [together(results.shares(setting)) for setting in settings]
+        heads = [name_of(factor, setting.values[factor.key], self.settings) for setting in settings]
+        rows = [
+            [" and ".join(EFFECTS[effect].label for effect in pair), *(f"{column[pair]:.0%}" for column in columns)]
+            for pair in columns[0].index
+        ]
+        return text_table(["Largest part in one block", *heads], rows)
 
     def baselines(self) -> str:
         """Results of agents without a learned model on the same runs; empty if there are none."""

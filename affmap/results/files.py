@@ -25,7 +25,8 @@ from affmap.store.provenance import PROVENANCE
 
 COVERAGE, VALIDATION = "coverage.npz", "validation.csv"
 STEPS, DEVIATIONS = "steps.csv", "deviations.npz"
-MAPS, RUNS, TRAJECTORIES, LAYOUTS = "maps.npz", "runs.csv", "trajectories.npz", "layouts.json"
+MAPS, BLOCKS, SHARES = "maps.npz", "blocks.npz", "shares.csv"
+RUNS, TRAJECTORIES, LAYOUTS = "runs.csv", "trajectories.npz", "layouts.json"
 """Names of the files."""
 
 VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
@@ -166,6 +167,55 @@ def read_maps(folders: Sequence[Path]) -> Maps:
     )
 
 
+class Blocks(NamedTuple):
+    """Effects of the B blocks of a member's codes, each alone: its own code is all that is not 0.
+
+    Effects depend on motion and action; all are means over some of these (`affmap.pipeline.blocks`).
+    """
+
+    change: Floats
+    """`[B, Y, X, 2]` in u/step: change of the predicted mean."""
+    spread: Floats
+    """`[B, Y, X]` in u/step: deviation of this change from its mean, as motion and action vary."""
+    deviation: Floats
+    """`[B, Y, X]` in u/step: standard deviation that the block adds to a coordinate, root of the mean square."""
+    x: Floats
+    """`[X]` in u."""
+    y: Floats
+    """`[Y]` in u."""
+
+    @property
+    def nodes(self) -> Floats:
+        """`[Y, X, 2]` positions of the nodes, u."""
+        return np.stack(np.meshgrid(self.x, self.y), axis=-1)
+
+
+SHARE_COLUMNS = ["member", "effect", "block", "share"]
+
+
+def write_blocks(folder: Path, blocks: Blocks, shares: pd.DataFrame) -> None:
+    """Write the effects of blocks: of the first member on a map, and of all members by property.
+
+    Args:
+        folder: of the stage.
+        blocks: those of the first member.
+        shares: a row for each member, effect of circles and block (from 1), `SHARE_COLUMNS`: the share of the block in
+            what all blocks do where such circles act.
+    """
+    _write_arrays(folder / BLOCKS, blocks)
+    shares[SHARE_COLUMNS].to_csv(folder / SHARES, index=False, float_format="%.6f")
+
+
+def read_blocks(folder: Path) -> Blocks:
+    """Read the effects of the first member's blocks on a map."""
+    return _read_arrays(Blocks, folder / BLOCKS)
+
+
+def read_shares(folder: Path) -> pd.DataFrame:
+    """Read the shares of blocks in what all do where circles of each effect act, columns `SHARE_COLUMNS`."""
+    return _read_table(folder / SHARES, SHARE_COLUMNS)[SHARE_COLUMNS]
+
+
 class Trajectories(NamedTuple):
     """Recorded runs of control; absolute positions in u."""
 
@@ -263,10 +313,10 @@ def read_origin(folder: Path) -> dict[str, Any]:
         return record
 
 
-Record = TypeVar("Record", Maps, Deviations, Exploration, Trajectories)
+Record = TypeVar("Record", Maps, Blocks, Deviations, Exploration, Trajectories)
 
 
-def _write_arrays(path: Path, record: Maps | Deviations | Exploration) -> None:
+def _write_arrays(path: Path, record: Maps | Blocks | Deviations | Exploration) -> None:
     np.savez_compressed(path, allow_pickle=False, **record._asdict())
 
 

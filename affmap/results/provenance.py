@@ -53,7 +53,7 @@ def summarize(settings: Sequence[Setting], records: Mapping[Path, dict[str, Any]
         stages.append({**entry, "differs": differences(config, base)})
     jobs = [
         {make_factor(key).column: value for key, value in setting.values.items()}
-        | {stage: [records[folder]["digest"] for folder in setting.folders[stage]] for stage in STAGES}
+        | {stage: [records[folder]["digest"] for folder in folders] for stage, folders in setting.folders.items()}
         for setting in settings
     ]
     outside = distinct([each for record in records.values() for each in record.get("extensions", ())])
@@ -119,10 +119,12 @@ def costs(reports: Sequence[Results]) -> list[list[Cost]]:
     """
     earlier: set[Path] = set()
     tables = []
+    made = {record["stage"] for results in reports for record in results.provenance.values()}
     for results in reports:
         records = [record for folder, record in results.provenance.items() if folder not in earlier]
         earlier |= results.provenance.keys()
-        tables.append([_cost(stage, [record for record in records if record["stage"] == stage]) for stage in STAGES])
+        kinds = [stage for stage in STAGES if stage in made]
+        tables.append([_cost(kind, [record for record in records if record["stage"] == kind]) for kind in kinds])
     return tables
 
 

@@ -17,7 +17,8 @@ from affmap.view import EXTENT
 
 Value = bool | int | float | str
 
-STAGES = ("data", "train", "predict", "map", "control")
+STAGES = ("data", "train", "predict", "map", "blocks", "control")
+"""Kinds of stages, in order; `blocks` only of models whose codes have blocks."""
 
 
 class PlannerName(NamedTuple):
@@ -126,6 +127,11 @@ class Setting:
     def map(self) -> tuple[Path, ...]:
         """Folders of the stage `map`."""
         return self.folders["map"]
+
+    @property
+    def blocks(self) -> tuple[Path, ...]:
+        """Folders of the stage `blocks`; none of models without blocks."""
+        return self.folders.get("blocks", ())
 
     @property
     def control(self) -> tuple[Path, ...]:

@@ -22,6 +22,7 @@ from affmap.results.files import (
     LAYOUT_COLUMNS,
     STEP_COLUMNS,
     VALIDATION_COLUMNS,
+    Blocks,
     Deviations,
     Exploration,
     Maps,
@@ -125,6 +126,14 @@ class Results(Design):
         """The deviations predicted by the models of a setting at the nodes of its map."""
         return files.read_deviations(setting.predict)
 
+    def blocks(self, setting: Setting) -> Blocks:
+        """The effects of the blocks of a setting's first member; only of models whose codes have blocks."""
+        return files.read_blocks(setting.blocks[0])
+
+    def shares(self, setting: Setting) -> pd.DataFrame:
+        """The shares of blocks in what all do, of all members of such a setting, columns `SHARE_COLUMNS`."""
+        return pd.concat([files.read_shares(folder) for folder in setting.blocks], ignore_index=True)
+
     def _is_trained(self, factor: Factor) -> bool:
         """Whether each training has a single value of a factor."""
         pairs = {(folder, setting.values[factor.key]) for setting in self.settings for folder in setting.train}
@@ -220,15 +229,15 @@ def _joined(parts: Sequence[tuple[int, Setting]]) -> Setting:
     ordered = [setting for _, setting in sorted(parts, key=itemgetter(0))]
     folders = {
         stage: tuple(dict.fromkeys(folder for setting in ordered for folder in setting.folders[stage]))  # data: shared
-        for stage in STAGES
+        for stage in ordered[0].folders
     }
     return Setting(ordered[0].values, folders)
 
 
 def read_provenance(settings: Sequence[Setting]) -> dict[Path, dict[str, Any]]:
     """Stage folder -> its provenance, in the order of the stages."""
-    folders = dict.fromkeys(folder for stage in STAGES for setting in settings for folder in setting.folders[stage])
-    return {folder: files.read_origin(folder) for folder in folders}
+    folders = [folder for stage in STAGES for setting in settings for folder in setting.folders.get(stage, ())]
+    return {folder: files.read_origin(folder) for folder in dict.fromkeys(folders)}
 
 
 def read_runs(setting: Setting) -> pd.DataFrame:

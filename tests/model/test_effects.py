@@ -83,6 +83,23 @@ def test_additive_effects_of_blocks_add_up_and_act_alone_as_in_turn() -> None:
     assert (whole[1] > 0).all(), "a variance only grows"
 
 
+@pytest.mark.parametrize("in_turn", [False, True])
+def test_a_block_alone_does_what_a_code_of_that_block_alone_changes(in_turn: bool) -> None:
+    """Steps with all other code 0, less free motion: the change, and the variance; so those of all add up if added."""
+    (code, delta, action), effects = inputs(), model(in_turn=in_turn)
+    assert effects.num_blocks == 3
+    parts = []
+    for block in range(3):
+        single = torch.zeros_like(code)
+        single[..., 2 * block : 2 * block + 2] = code[..., 2 * block : 2 * block + 2]
+        change, deviation = effects.alone(block, code, delta, action)
+        parts.append((change, deviation.square()))
+        torch.testing.assert_close(parts[-1], changes(effects, single, delta, action))
+    whole = tuple(sum(part) for part in zip(*parts, strict=True))
+    if not in_turn:
+        torch.testing.assert_close(whole, changes(effects, code, delta, action))
+
+
 def test_an_effect_is_linear_in_its_block() -> None:
     """Half the code: half the change of the mean, and a quarter of the added variance."""
     code, delta, action = inputs(context_size=2)

@@ -30,7 +30,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     size = map_size(results)
     if size is None:
         return None
-    parts = maps_of_size(results, size)[:MAX_ROWS]
+    every = maps_of_size(results, size)
+    parts = every[:MAX_ROWS]
     count = NUM_MEMBERS if len(parts) == 1 else NUM_MEMBERS // 2
     members = parts[0].maps.member[:count]
     tables = [paint(parts, index) for index in range(len(members))]  # [member][part]
@@ -51,7 +52,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     name = of_part(results, parts[-1], parts, settings, [results.color])
     if results.x == CONTEXT_SIZE or len(each) > 1:
         blocks.append((f"Member {members[0]} at each {results.x.label}{name}", 4, sizes))
-    return Drawn(_map_blocks(blocks), _caption(results, parts, size))
+    left_out = [of_part(results, part, every, settings).removeprefix(": ") for part in every[MAX_ROWS:]]
+    return Drawn(_map_blocks(blocks), _caption(results, parts, size, left_out))
 
 
 def _map_blocks(blocks: list[tuple[str, int, list[tuple[str, Floats, Painted]]]]) -> Figure:
@@ -72,13 +74,18 @@ def _map_blocks(blocks: list[tuple[str, int, list[tuple[str, Floats, Painted]]]]
     return figure
 
 
-def _caption(results: Results, parts: Sequence[Painted], size: int) -> str:
+def _caption(results: Results, parts: Sequence[Painted], size: int, left_out: Sequence[str]) -> str:
     trainings = len({part.setting.train for part in parts})
     basis = "Colours are comparable within a map, not across maps"
     if trainings < len(parts):
         basis = "Maps of one member in several worlds share their colours; other maps are not comparable"
     each = f", and of one member at each {results.x.label}" if results.x == CONTEXT_SIZE or len(parts) > 1 else ""
+    fewer = (
+        f" Members are not shown side by side of: {', '.join(left_out)}; no page has room for so many."
+        if left_out
+        else ""
+    )
     return (
         f"Affordance maps of several members at context size {size}{each}. {basis}, "
-        f"because codes of different members and context sizes are unrelated. {COLORS}"
+        f"because codes of different members and context sizes are unrelated.{fewer} {COLORS}"
     )
