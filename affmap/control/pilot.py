@@ -146,5 +146,5 @@ class Pilot:
         if isinstance(self.agent, PlanningAgent):
             actions, (costs,) = self._candidates
             with torch.no_grad(), limited(self._threads):
-                candidates = self.agent.imagine(batch, actions, state.carry).mean[0]
+                candidates = self.agent.now(self._state.is_open).imagine(batch, actions, state.carry).mean[0]
         return Thought(*(part.cpu().numpy() for part in (path, std, candidates, costs)))
