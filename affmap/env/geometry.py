@@ -85,13 +85,26 @@ def way_length(layout: Layout, radius: float, start: np.ndarray, goal: np.ndarra
     """Length of the shortest way around obstacles from `start` to `goal` `[2]` (u), infinite if there is none, u.
 
     Distances are sums along both axes: a vehicle is fastest along one of them, where two throttles push, so that this
-    length divided by its top speed is the least number of steps in a world of obstacles, up to the grid.
+    length divided by its top speed is the least number of steps in a world of obstacles, up to the grid. The way may
+    lead over a key, and then through doors.
     """
+    x, y = (np.arange(round(side / WAY_STEP) + 1) * WAY_STEP for side in layout.size)
+    nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    steps, ways = _grid_steps(layout, radius, nodes, start, goal)
+    if layout.opened is not layout:
+        from_goal, _ = _grid_steps(layout.opened, radius, nodes, goal, start)
+        over_keys = (steps + from_goal)[layout.map.at_key(nodes)]
+        ways = min(ways, over_keys.min(initial=math.inf))
+    return float(ways * WAY_STEP)
+
+
+def _grid_steps(
+    layout: Layout, radius: float, nodes: Floats, start: np.ndarray, goal: np.ndarray
+) -> tuple[Floats, float]:
+    """Steps along a grid of nodes `[X, Y, 2]` from that nearest to `start` `[2]`: to all `[X, Y]`, and to `goal`."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import dijkstra  # takes a tenth of a second to import
 
-    x, y = (np.arange(round(side / WAY_STEP) + 1) * WAY_STEP for side in layout.size)
-    nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
     free = reachable(nodes, layout, radius)
     indices = np.arange(free.size).reshape(free.shape)
     right, up = free[:-1] & free[1:], free[:, :-1] & free[:, 1:]
@@ -100,8 +113,8 @@ def way_length(layout: Layout, radius: float, start: np.ndarray, goal: np.ndarra
     graph = csr_matrix((np.ones(len(begins)), (begins, ends)), shape=(free.size, free.size))
     offsets = np.abs(nodes[free] - np.stack([start, goal])[:, None]).sum(-1)  # [2, nodes that are free]
     first, last = indices[free][offsets.argmin(1)]
-    steps = dijkstra(graph, directed=False, indices=first, unweighted=True)[last]
-    return float(steps * WAY_STEP)
+    steps: Floats = dijkstra(graph, directed=False, indices=first, unweighted=True)
+    return steps.reshape(free.shape), float(steps[last])
 
 
 def surface_distance(nodes: Floats, layout: Layout) -> Floats:

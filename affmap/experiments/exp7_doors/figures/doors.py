@@ -1,0 +1,48 @@
+"""Times to go while a door is closed and once it is open, and the way over the key."""
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from affmap.control.time_to_go import TimeToGo
+from affmap.env.scene import LAYERS, circle_marks
+from affmap.experiments.exp7.claims import GUIDED, LOOKAHEAD
+from affmap.experiments.exp7.figures.time_to_go import PROBLEM, agent_of_run
+from affmap.plot.arena import time_to_go
+from affmap.report.drawing import arena
+from affmap.report.drawing.files import Drawn, new_figure
+from affmap.results.setting import ReportSettings
+from affmap.results.tables import Results
+from affmap.threads import limited
+
+
+def draw(results: Results, settings: ReportSettings) -> Drawn | None:
+    """Draw and caption the figure; None if no agent with a map flew."""
+    guided = [each for each in results.where({LOOKAHEAD.key: GUIDED}) if each.context_size > 0]
+    if not guided:
+        return None
+    paths, world = results.trajectories(guided[0]), results.run_layouts(guided[0])[PROBLEM]
+    agent, start, goal = agent_of_run(results, guided[0]), paths.position[PROBLEM, 0], paths.goal[PROBLEM]
+    figure = new_figure(2.6)
+    panels = figure.subplots(1, 2)
+    with limited(1):
+        (way,) = TimeToGo.imagine(agent, goal).paths(start[None])
+        opened = agent.elsewhere([world.opened.map])
+        key = int(world.are_open(way).argmax())  # the way has been at a key from this point on
+        parts = {"closed": (agent, world, way[: key + 1]), "open": (opened, world.opened, way[key:])}
+        for ax, (name, (one, layout, part)) in zip(panels, parts.items(), strict=True):
+            time_to_go(one, goal, ax=ax)
+            arena.paint_marks(ax, circle_marks(layout, filled=False))
+            ax.plot(*part.T, color=LAYERS["way"].color, lw=LAYERS["way"].width)
+            ax.set_title(f"the door is {name}", loc="left")
+    panels[0].plot(*start, ls="", **arena.SIGNS["square"], color=LAYERS["start"].color, ms=4)
+    arena.label_outer(np.array([panels]), 2)
+    line = Line2D([], [], color=LAYERS["way"].color, lw=LAYERS["way"].width, label="imagined way")
+    handles = [*arena.effect_handles([world]), line]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    return Drawn(
+        figure,
+        f"Lines of equal times to go to the goal (cross), as member {results.runs['member'].min()} imagines them "
+        "before its first run: in steps and the cost of their uncertainty, over its affordance map. Left: while the "
+        "door is closed, no imagined step gets through it, and all ways from the room of the start (square) lead to a "
+        "key. Right: from there they go on in the map of the opened world.",
+    )
