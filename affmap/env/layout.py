@@ -176,16 +176,21 @@ class Layout(Arena):
         """The visible part of this layout."""
         circles = tuple((*circle.center, circle.radius, self.channels.index(circle.channel)) for circle in self.circles)
         own = self.size, len(self.channels), self.channels.index(self.border_channel), circles
-        if self.opened is self:
+        if self._without_doors is None:
             return VisibleLayout(*own)
         keys = tuple((*circle.center, circle.radius) for circle in self.circles if circle.effect == "key")
-        return VisibleLayout(*own, keys, self.opened.map)
+        return VisibleLayout(*own, keys, self._without_doors.map)
 
-    @cached_property
+    @property
     def opened(self) -> Layout:
         """The same layout without its doors: once the vehicle's centre has been inside a key. Itself if it has none."""
+        return self._without_doors or self
+
+    @cached_property
+    def _without_doors(self) -> Layout | None:
+        """The layout without its doors; None if it has none (equality of layouts would follow one to itself)."""
         circles = tuple(circle for circle in self.circles if circle.effect != "door")
-        return self if len(circles) == len(self.circles) else self.model_copy(update={"circles": circles})
+        return None if len(circles) == len(self.circles) else self.model_copy(update={"circles": circles})
 
     def views(self, path: np.ndarray) -> np.ndarray:
         """Views at the positions `[T, 2]` (u) of a flight since its start, `[T, K, 11, 11]` bool: doors open on it."""
