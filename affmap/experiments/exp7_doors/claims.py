@@ -11,6 +11,7 @@ from affmap.experiments.exp7.claims import GUIDED, LOOKAHEAD, STUCK, arrives, st
 from affmap.results import statistics
 from affmap.results.claims import Claim, Criterion
 from affmap.results.files import Floats
+from affmap.results.metrics import METRICS
 from affmap.results.setting import LAYOUT
 from affmap.results.tables import Results
 
@@ -34,7 +35,7 @@ def _key_first(results: Results) -> list[Criterion]:
             members.append(paths.member[number])
             first.append(opened_before_passing(paths.position[number], layouts[number]))
     shares = pd.Series(first, dtype=float).groupby(members).mean()
-    return [Criterion("", "share", "1", statistics.at_least(shares, 1.0))]
+    return [Criterion("", "share", METRICS["success"].unit, statistics.at_least(shares, 1.0))]
 
 
 CLAIMS = (
