@@ -62,7 +62,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     | info | type | meaning |
     |---|---|---|
     | position | [2] | true position, u |
-    | touching | bool | an obstacle or a border is being touched |
+    | touching | bool | an obstacle, a closed door or a border is being touched |
     | in_fog | bool | the vehicle is in fog: its centre, or any part of it where the layout says `acts: rim` |
     | reached | bool | the distance to the goal is below `goal_radius` |
 
