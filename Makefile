@@ -29,7 +29,7 @@ SEARCHES := training cem gradient
 
 help:  ## list the targets
 	@{ $(foreach name,$(EXPERIMENTS),sed -n 's/^title: "\(.*\)"/$(name):  ## \1/p' conf/experiment/$(name).yaml;) \
-	grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST); } | sed -E 's/^([a-z0-9-]+):.*## /  \1|/' | column -t -s '|'
+	grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST); } | sed -E 's/^([a-z0-9_-]+):.*## /  \1|/' | column -t -s '|'
 	@echo "Settings: SCALE=full|smoke MODELS=train|reference JOBS=<jobs at once; default: one a core> ARGS='<Hydra overrides>'"
 	@echo "          VENV=<folder> PYTHON=<interpreter, 3.11 to 3.13>"
 

@@ -50,11 +50,22 @@ class VisibleLayout:
     """Channel that everything outside the arena is painted in."""
     circles: tuple[tuple[float, float, float, int], ...]
     """Centre x, centre y and radius in u, and channel, of each painted circle."""
+    keys: tuple[tuple[float, float, float], ...] = ()
+    """Centre x, centre y and radius in u of each circle where a visit opens the doors; none without doors."""
+    opened: VisibleLayout | None = None
+    """The visible layout once they are open; None without doors."""
 
     @cached_property
     def arrays(self) -> dict[np.dtype, LayoutArrays]:
         """The arrays of the layout for positions of float32 and of float64."""
         return {np.dtype(dtype): self._round(dtype) for dtype in (np.float32, np.float64)}
+
+    def at_key(self, positions: np.ndarray) -> np.ndarray:
+        """Whether positions `[..., 2]` (u) are inside a key: `[...]`."""
+        inside = np.zeros(positions.shape[:-1], bool)
+        for x, y, radius in self.keys:
+            inside |= np.hypot(positions[..., 0] - x, positions[..., 1] - y) < radius
+        return inside
 
     def _round(self, dtype: type[np.floating]) -> LayoutArrays:
         circles = np.array([(x, y, radius**2) for x, y, radius, _ in self.circles], dtype).reshape(-1, 3)

@@ -7,6 +7,7 @@ stack, a look-up and a planner; it knows no environment.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,9 +84,9 @@ class Agent(PlanningAgent):
         return self.stack.seeds
 
     @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the arena of its look-up, u."""
-        return self.lookup.worlds[0].size
+    def worlds(self) -> Sequence[VisibleLayout]:
+        """Visible layouts of its look-up: one shared by all, or one for each vehicle."""
+        return self.lookup.worlds
 
     def elsewhere(self, worlds: Sequence[VisibleLayout]) -> Agent:
         """Copy of the agent for another world, or for B others (member-major).
@@ -95,6 +96,16 @@ class Agent(PlanningAgent):
         """
         lookup = self.lookup.elsewhere(self.stack, worlds)
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle, self.losses)
+
+    def merged(self, is_open: Sequence[bool]) -> Agent:
+        """Copy in which some worlds are without doors, see `PlanningAgent.merged`."""
+        lookup = self.lookup.merged(self._opened, is_open)
+        return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle, self.losses)
+
+    @cached_property
+    def _opened(self) -> Lookup:
+        """The look-up in the same worlds without doors."""
+        return self.lookup.elsewhere(self.stack, [world.opened or world for world in self.worlds])
 
     def save(self, folder: str | Path) -> None:
         """Write the agent into a folder, from where `affmap.load` makes an agent that flies the same runs.

@@ -29,7 +29,7 @@ from affmap.results import metrics
 from affmap.results.files import Trajectories
 from affmap.settings.messages import counted
 from affmap.threads import limited
-from affmap.view import views
+from affmap.view import VisibleLayout, views
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -92,8 +92,13 @@ def control(
     pairs = [(member, run) for member in seeds for run in range(settings.runs_per_member)]
     streams = arguments.streams(seeds, settings.runs_per_member, seed)
     layouts_of_runs = [layouts[0]] * len(pairs) if len(layouts) == 1 else layouts
-    worlds = [layout.map for layout in layouts]
+    have_doors = any(layout.opened is not layout for layout in layouts)
     envs = [VehicleEnv(layout, vehicle, settings.goal_radius, views=False) for layout in layouts_of_runs]
+
+    def worlds() -> list[VisibleLayout]:
+        """Visible layouts as they are now: one for all, or, since doors open for each run by itself, one for each."""
+        return [env.layout.map for env in envs] if have_doors else [layout.map for layout in layouts]
+
     generators = [generator(member, "planner", *keys) for member, *keys in streams]
     options = [{"corner": run % 4} for _, run in pairs]
     for key, points in (("position", starts), ("goal", goals)):
@@ -103,7 +108,7 @@ def control(
         for env, (member, *keys), each in zip(envs, streams, options, strict=True)
     ]
     positions = [np.stack([info["position"] for _, info in begun])]
-    observation = _batch([start for start, _ in begun], views(worlds, positions[-1]), settings.device)
+    observation = _batch([start for start, _ in begun], views(worlds(), positions[-1]), settings.device)
     record: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     state = controller.initial(len(pairs))
     for step in range(settings.num_steps):
@@ -111,7 +116,7 @@ def control(
         results = [env.step(action) for env, action in zip(envs, decision.action.cpu().numpy(), strict=True)]
         infos = [result[4] for result in results]
         positions.append(np.stack([info["position"] for info in infos]))
-        observation = _batch([result[0] for result in results], views(worlds, positions[-1]), settings.device)
+        observation = _batch([result[0] for result in results], views(worlds(), positions[-1]), settings.device)
         _note(record, decision, observation, infos)
         on_step(step + 1)
     trajectories = {key: np.stack(parts, axis=1) for key, parts in record.items()}

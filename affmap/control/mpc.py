@@ -7,7 +7,7 @@ One object steers B vehicles at once; it knows a planner, and no environment.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from affmap.planning.objective import expected_free_energy, goal_std
 from affmap.planning.planner import Generators, Objective, Planner, is_planner
 from affmap.settings import ConfigError
 from affmap.settings.messages import format_value
+from affmap.view import VisibleLayout
 
 
 class AgentState(NamedTuple):
@@ -35,6 +36,9 @@ class AgentState(NamedTuple):
     """Hidden state of their transition models, tensors `[M, B / M, hidden]`."""
     time_to_go: TimeToGo | None = None
     """Map by which they find their way; None before the first step, and without a guide."""
+    is_open: np.ndarray | None = None
+    """`[B]`, whether the doors of their worlds are open, because they have been at a key; None before the first step,
+    and without doors."""
 
 
 Watch = Callable[[Tensor, Tensor], None]
@@ -61,6 +65,7 @@ class PlanningAgent(ABC):
                 "such as affmap.CEMPlanner()."
             )
         self.planner, self.settings = planner, settings
+        self._present: tuple[np.ndarray, PlanningAgent] | None = None
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -69,8 +74,37 @@ class PlanningAgent(ABC):
 
     @property
     @abstractmethod
+    def worlds(self) -> Sequence[VisibleLayout]:
+        """Visible layouts as they are when flights begin: one shared by all agents, or one for each."""
+
+    @property
     def size(self) -> tuple[float, float]:
         """Width and height of the arena that the agents are in, u."""
+        return self.worlds[0].size
+
+    @property
+    def has_doors(self) -> bool:
+        """Whether there are doors in any of the worlds."""
+        return any(world.opened for world in self.worlds)
+
+    @abstractmethod
+    def merged(self, is_open: Sequence[bool]) -> PlanningAgent:
+        """Copy of the agents in which the worlds of some are without doors; `is_open` `[B]` says of which."""
+
+    def now(self, is_open: np.ndarray | None) -> PlanningAgent:
+        """The agents in their present worlds, see `AgentState.is_open`; the last such copy is kept."""
+        if is_open is None or not is_open.any():
+            return self
+        if self._present is None or not np.array_equal(self._present[0], is_open):
+            self._present = is_open, self.merged(is_open.tolist())
+        return self._present[1]
+
+    def at_keys(self, positions: np.ndarray) -> np.ndarray:
+        """Whether positions `[B, ..., 2]` (u) are inside a key of the world of each agent: `[B, ...]`."""
+        share = len(positions) // len(self.worlds)
+        return np.concatenate(
+            [world.at_key(positions[number * share : (number + 1) * share]) for number, world in enumerate(self.worlds)]
+        )
 
     @abstractmethod
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
@@ -108,8 +142,9 @@ class PlanningAgent(ABC):
             ValueError: the planner's candidates or its plan have another shape or type, or an action that would be
                 executed is outside [0, 1].
         """
-        time_to_go = self._time_to_go(observation, state.time_to_go)
-        objective = self.objective(self._toward_subgoals(observation, time_to_go), state.carry)
+        is_open = self._open(observation, state.is_open)
+        present, time_to_go = self.now(is_open), self._time_to_go(observation, state.time_to_go)
+        objective = present.objective(self._toward_subgoals(observation, time_to_go, is_open), state.carry)
         num_problems, dtype, name = len(observation.position), observation.position.dtype, type(self.planner).__name__
 
         def watched(actions: Tensor) -> Tensor:
@@ -132,10 +167,17 @@ class PlanningAgent(ABC):
         if wrong.any():
             raise ValueError(f"the first action of a plan of {name} has {action[wrong][0]:g}; it should be in [0, 1].")
         with torch.no_grad():
-            path = self.imagine(observation, plan.actions[:, None], state.carry)
-            carry, delta = self.predict(observation, action, state.carry)
+            path = present.imagine(observation, plan.actions[:, None], state.carry)
+            carry, delta = present.predict(observation, action, state.carry)
         decision = Decision(action, Gaussian(*(part[:, 0] for part in path)), delta)
-        return decision, AgentState(planner_state, carry, time_to_go)
+        return decision, AgentState(planner_state, carry, time_to_go, is_open)
+
+    def _open(self, observation: Observation, before: np.ndarray | None) -> np.ndarray | None:
+        """Whether doors are open now, see `AgentState.is_open`: a vehicle that is reported at a key has opened them."""
+        if not self.has_doors:
+            return None
+        at_keys = self.at_keys(observation.position.cpu().numpy())
+        return at_keys if before is None else before | at_keys
 
     def _time_to_go(self, observation: Observation, last: TimeToGo | None) -> TimeToGo | None:
         """The map of times to go; `last` as long as the goals are its own."""
@@ -144,11 +186,13 @@ class PlanningAgent(ABC):
         goals = observation.goal.cpu().numpy()
         return last if last and np.array_equal(last.goals, goals) else TimeToGo.imagine(self, goals)
 
-    def _toward_subgoals(self, observation: Observation, time_to_go: TimeToGo | None) -> Observation:
+    def _toward_subgoals(
+        self, observation: Observation, time_to_go: TimeToGo | None, is_open: np.ndarray | None
+    ) -> Observation:
         """The observation with sub-goals in place of the goals, if there is a map."""
         if time_to_go is None:
             return observation
-        subgoals = time_to_go.subgoals(observation.position.cpu().numpy(), self.settings.guide_distance)
+        subgoals = time_to_go.subgoals(observation.position.cpu().numpy(), self.settings.guide_distance, is_open)
         return observation._replace(goal=torch.from_numpy(subgoals).to(observation.goal))
 
     def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:

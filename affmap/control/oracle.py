@@ -28,6 +28,7 @@ from affmap.model.transition import Carry
 from affmap.planning.planner import Planner
 from affmap.settings import ConfigError
 from affmap.settings.messages import counted
+from affmap.view import VisibleLayout
 
 
 class Oracle(PlanningAgent):
@@ -70,16 +71,25 @@ class Oracle(PlanningAgent):
 
         self.vehicle = vehicle
         self.step_std = OracleSettings.load("agent", "oracle").std if step_std is None else step_std
-        self._twin, self._size, self._as_seen = Twin(layouts, vehicle, as_seen), layouts[0].size, as_seen
+        self._twin, self._layouts, self._as_seen = Twin(layouts, vehicle, as_seen), layouts, as_seen
 
     def __repr__(self) -> str:
         seen = ", as seen" if self._as_seen else ""
         return f"Oracle({type(self.planner).__name__}, {counted(len(self._twin), 'world')}{seen})"
 
     @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the arena that it knows, u."""
-        return self._size
+    def worlds(self) -> Sequence[VisibleLayout]:
+        """Visible parts of the layouts that it knows: one shared by all, or one for each vehicle."""
+        return [layout.map for layout in self._layouts]
+
+    def merged(self, is_open: Sequence[bool]) -> Oracle:
+        """Copy in which some worlds are without doors, see `PlanningAgent.merged`."""
+        return self.elsewhere(self._merged_layouts(is_open))
+
+    def _merged_layouts(self, is_open: Sequence[bool]) -> list[Layout]:
+        """The layout of each of B agents, some without doors."""
+        layouts = [self._layouts[number * len(self._layouts) // len(is_open)] for number in range(len(is_open))]
+        return [each.opened if opened else each for each, opened in zip(layouts, is_open, strict=True)]
 
     def elsewhere(self, layouts: Sequence[Layout]) -> Oracle:
         """Copy of the agent for another world, or for B others (member-major)."""
@@ -158,6 +168,11 @@ class HalfOracle(Oracle):
         check_channels(self.agent, layouts[0])
         agent = self.agent.elsewhere([layout.map for layout in layouts])
         return HalfOracle(agent, layouts, self.vehicle, self.true_mean, self.step_std)
+
+    def merged(self, is_open: Sequence[bool]) -> HalfOracle:
+        """Copy in which some worlds are without doors, see `PlanningAgent.merged`."""
+        layouts = self._merged_layouts(is_open)
+        return HalfOracle(self.agent.merged(is_open), layouts, self.vehicle, self.true_mean, self.step_std)
 
     @property
     def seeds(self) -> tuple[int, ...]:

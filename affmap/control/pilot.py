@@ -125,8 +125,11 @@ class Pilot:
 
     @property
     def time_to_go(self) -> TimeToGo | None:
-        """Map by which the agent finds its way; None without a guide, and before it has acted."""
-        return self._state.time_to_go if isinstance(self.agent, PlanningAgent) else None
+        """Map by which the agent finds its way now; None without a guide, and before it has acted."""
+        if not isinstance(self.agent, PlanningAgent):
+            return None
+        made, is_open = self._state.time_to_go, self._state.is_open
+        return made.opened if made and is_open is not None and is_open.any() else made
 
     def _watch(self, actions: Tensor, costs: Tensor) -> None:
         self._candidates = actions.detach(), costs.detach()
@@ -146,5 +149,5 @@ class Pilot:
         if isinstance(self.agent, PlanningAgent):
             actions, (costs,) = self._candidates
             with torch.no_grad(), limited(self._threads):
-                candidates = self.agent.imagine(batch, actions, state.carry).mean[0]
+                candidates = self.agent.now(self._state.is_open).imagine(batch, actions, state.carry).mean[0]
         return Thought(*(part.cpu().numpy() for part in (path, std, candidates, costs)))

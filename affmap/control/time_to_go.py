@@ -3,12 +3,13 @@
 An affordance map says what actions do at a place. Here a few imagined steps from each node of a grid become the edges
 of a graph, and shortest paths make of it what actions do in the whole arena: a cognitive map, by which an agent finds a
 way that is longer than its horizon. Nothing is learned for it. (The paper's agents are greedy; they have no such map.)
+Where a key opens doors, there are two such maps, and a way from the first to the second leads over a key.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,11 +27,16 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from affmap.control.mpc import PlanningAgent
+    from affmap.view import VisibleLayout
 
 Floats = NDArray[np.floating]
+Mask = NDArray[np.bool_]
 
 DIRECTIONS = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)])
 """`[8, 2]`, from a node to its neighbours, in spacings."""
+
+GOAL, DOOR = -1, -2
+"""In place of a next node: the way ends at the goal, or goes on in the map of the opened world."""
 
 NODES_AT_ONCE = 512
 """Nodes from which all agents imagine at once; more take much memory where runs are many."""
@@ -45,9 +51,19 @@ class TimeToGo:
         x: `[X]`, of the columns of nodes, u.
         y: `[Y]`, of the rows, u.
         goals: `[B, 2]`, u.
+        opened: the map of the same worlds once their doors are open; None without doors.
     """
 
-    def __init__(self, costs: Floats, x: Floats, y: Floats, goals: Floats, pace: float) -> None:
+    def __init__(
+        self,
+        costs: Floats,
+        x: Floats,
+        y: Floats,
+        goals: Floats,
+        pace: float,
+        opened: TimeToGo | None = None,
+        keys: Mask | None = None,
+    ) -> None:
         """Find the shortest paths from all nodes.
 
         Args:
@@ -56,11 +72,13 @@ class TimeToGo:
             y: `[Y]`, likewise.
             goals: `[B, 2]`, u.
             pace: cost of the way between a vehicle or a goal and the nodes near it, per u.
+            opened: see the class.
+            keys: `[B, Y, X]`, nodes from which it goes on in `opened`.
         """
-        self.x, self.y, self.goals, self._pace = x, y, goals, pace
+        self.x, self.y, self.goals, self._pace, self.opened = x, y, goals, pace, opened
         self._spacing = float(max(np.diff(x).max(initial=0.0), np.diff(y).max(initial=0.0)))
         self._nodes = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1).reshape(-1, 2)
-        steps, self._next = self._search(costs)
+        steps, self._next = self._search(costs, keys)
         self.steps = steps.reshape(len(goals), len(y), len(x))
 
     @classmethod
@@ -70,6 +88,8 @@ class TimeToGo:
         From rest at each node, each of eight directions of thrust is imagined. A neighbour is reached where one of
         these paths comes that far, within `guide_steps` per spacing, and no more than half a spacing beside it. This
         costs the steps until then and, per u of the standard deviation imagined there, `guide_uncertainty` steps.
+        In worlds with doors this is done twice, with them and without. From the nodes in the inner half of a key, or
+        else the nearest one in it, a way goes on in the second map at no cost, and not back.
 
         Args:
             agent: a learned agent, or one that knows the physics; each member has maps of its own.
@@ -82,39 +102,63 @@ class TimeToGo:
         settings = agent.settings if settings is None else settings
         points = _goals(goals, len(agent.seeds), agent.size)
         x, y = (_nodes(side, settings.guide_spacing) for side in agent.size)
-        costs = _costs(agent, len(points), x, y, settings)
-        return cls(costs, x, y, points, settings.guide_steps / settings.guide_spacing)
+        number, pace = len(points), settings.guide_steps / settings.guide_spacing
+        costs = _costs(agent, number, x, y, settings)
+        if not agent.has_doors:
+            return cls(costs, x, y, points, pace)
+        opened = cls(_costs(agent.now(np.ones(number, bool)), number, x, y, settings), x, y, points, pace)
+        return cls(costs, x, y, points, pace, opened, _key_nodes(agent.worlds, number, x, y))
 
     def __repr__(self) -> str:
         number, height, width = self.steps.shape
         return f"TimeToGo({number} x {width} x {height} nodes {self._spacing:.3g} u apart)"
 
-    def subgoals(self, positions: ArrayLike, distance: float) -> Floats:
+    def subgoals(self, positions: ArrayLike, distance: float, is_open: Mask | None = None) -> Floats:
         """Points at a `distance` (u) ahead of `positions` `[B, 2]` (u), along the shortest paths: `[B, 2]`, u.
 
-        The goal itself where it is nearer than that, or where no way is imagined.
+        The goal itself, or the key that has to be visited first, where it is nearer than that; and the goal where no
+        way is imagined. `is_open` `[B]` says whose doors are open already; by default nobody's.
         """
         points = np.asarray(positions, float)
+        if self.opened and is_open is not None and is_open.any():
+            ahead = self.opened.subgoals(points, distance)
+            return np.where(is_open[:, None], ahead, self.subgoals(points, distance))
         rest, ends = np.full(len(points), float(distance)), self.goals.copy()
         for before, after, still in self._legs(points):
             length = np.linalg.norm(after - before, axis=-1)
             stops = still & (rest > 0) & (length >= rest)
             share = np.divide(rest, length, out=np.zeros_like(rest), where=length > 0)
             ends[stops] = (before + share[:, None] * (after - before))[stops]
-            rest = np.where(still & ~stops, rest - length, 0)
+            goes_on = still & (rest > 0) & ~stops
+            ends[goes_on] = after[goes_on]
+            rest = np.where(goes_on, rest - length, 0)
             if not (rest > 0).any():
                 break
         return ends
 
-    def paths(self, positions: ArrayLike) -> list[Floats]:
-        """Shortest paths from `positions` `[B, 2]` (u): B arrays `[points, 2]`, u; of one point if there is none."""
+    def paths(self, positions: ArrayLike, is_open: Mask | None = None) -> list[Floats]:
+        """Shortest paths from `positions` `[B, 2]` (u): B arrays `[points, 2]`, u; of one point if there is none.
+
+        A path may lead over a key and on through its door; `is_open` as in `subgoals`.
+        """
         points = np.asarray(positions, float)
         paths = [[point] for point in points]
         for _, after, still in self._legs(points):
             for path, point, goes_on in zip(paths, after, still, strict=True):
                 if goes_on:
                     path.append(point)
-        return [np.array(path) for path in paths]
+        made = [np.array(path) for path in paths]
+        if self.opened is None:
+            return made
+        is_open = np.zeros(len(points), bool) if is_open is None else is_open
+        at_key = [
+            len(path) > 1 and not np.array_equal(path[-1], goal) for path, goal in zip(made, self.goals, strict=True)
+        ]
+        later = self.opened.paths(np.where(is_open[:, None], points, [path[-1] for path in made]))
+        return [
+            after if now else np.vstack([before, after[1:]]) if key else before
+            for before, after, now, key in zip(made, later, is_open, at_key, strict=True)
+        ]
 
     def clear(self, index: int = 0) -> np.ma.MaskedArray:
         """Steps of the map at `index`, `[Y, X]`, without nodes that are no place to be, for pictures.
@@ -125,7 +169,7 @@ class TimeToGo:
         steps, following = self.steps[index].ravel(), self._next[index]
         leg, moves = np.full(len(steps), np.inf), following >= 0
         leg[moves] = steps[moves] - steps[following[moves]]
-        leg[steps == 0] = 0
+        leg[(steps == 0) | (following == DOOR)] = 0
         usual = np.median(leg[moves]) if moves.any() else 0
         return np.ma.masked_where(leg > 4 * usual, steps).reshape(self.steps[index].shape)
 
@@ -157,12 +201,13 @@ class TimeToGo:
             yield here, there, still
             here, before = there, node
             node = self._next[each, before]
+            still = still & (before >= 0) & (node != DOOR)
             arrived = node < 0  # the last leg is to the goal
-            still = still & (before >= 0)
+            node = np.where(arrived, GOAL, node)
             there = np.where(arrived[:, None], self.goals, self._nodes[node])
 
-    def _search(self, costs: Floats) -> tuple[Floats, NDArray[np.intp]]:
-        """Costs of the shortest paths from all nodes `[B, N]`, and the next node on each; -1 at its end."""
+    def _search(self, costs: Floats, keys: Mask | None) -> tuple[Floats, NDArray[np.intp]]:
+        """Costs of the shortest paths from all nodes `[B, N]`, and the next node on each, or `GOAL` or `DOOR`."""
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra  # takes a tenth of a second to import
 
@@ -176,14 +221,25 @@ class TimeToGo:
             begins.append(nodes[:, rows, columns][finite])
             ends.append(there[finite])
             lengths.append(cost[:, rows, columns][finite])
+        distance = np.linalg.norm(self._nodes - self.goals[:, None], axis=-1)  # [B, N]
+        sources = np.flatnonzero(distance <= np.maximum(distance.min(1, keepdims=True), self._spacing))
+        size = nodes.size
+        if self.opened and keys is not None:
+            # One more node, as far from each key as the goal is from there once the doors are open.
+            known = keys & np.isfinite(self.opened.steps)
+            begins.append(nodes[known])
+            ends.append(np.full(known.sum(), size))
+            lengths.append(self.opened.steps[known])
+            sources, size = np.append(sources, size), size + 1
         # Backwards, from the goals: all graphs are one, of B parts.
         edges = np.concatenate(lengths), (np.concatenate(ends), np.concatenate(begins))
-        graph = coo_matrix(edges, shape=(nodes.size, nodes.size)).tocsr()
-        distance = np.linalg.norm(self._nodes - self.goals[:, None], axis=-1)  # [B, N]
-        nearest = distance <= np.maximum(distance.min(1, keepdims=True), self._spacing)
-        steps, following, _ = dijkstra(graph, indices=np.flatnonzero(nearest), min_only=True, return_predecessors=True)
-        following = np.where(following < 0, -1, following % (height * width))
+        graph = coo_matrix(edges, shape=(size, size)).tocsr()
+        steps, following, _ = dijkstra(graph, indices=sources, min_only=True, return_predecessors=True)
+        through = following == nodes.size
+        following = np.where(following < 0, GOAL, following % (height * width))
+        following[through] = DOOR
         shape = number, height * width
+        steps, following = steps[: nodes.size], following[: nodes.size]
         return steps.reshape(shape), following.astype(np.intp).reshape(shape)
 
 
@@ -204,6 +260,17 @@ def _goals(goals: ArrayLike, num_members: int, size: tuple[float, float]) -> Flo
     if outside.any():
         raise ConfigError(f"goals: {points[outside][0].tolist()} is outside the arena {list(size)} (u).")
     return points.copy()
+
+
+def _key_nodes(worlds: Sequence[VisibleLayout], number: int, x: Floats, y: Floats) -> Mask:
+    """Nodes in the inner half of a key of the worlds of B vehicles, or else the nearest one in it: `[B, Y, X]`."""
+    nodes = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1)
+    inside = np.zeros((len(worlds), len(y), len(x)), bool)
+    for own, world in zip(inside, worlds, strict=True):
+        for *center, radius in world.keys:
+            distance = np.linalg.norm(nodes - center, axis=-1)
+            own |= (distance <= max(radius / 2, distance.min())) & (distance < radius)
+    return inside.repeat(number // len(worlds), axis=0)
 
 
 def _nodes(side: float, spacing: float) -> Floats:

@@ -45,7 +45,8 @@ def collect(
     sequences = []
     for sequence, env in enumerate(envs):
         rng = generator(exploration.seed, "exploration", sequence)
-        options = {"position": free_position(env.layout, vehicle, rng)}
+        layout = env.layout
+        options = {"position": free_position(layout, vehicle, rng)}
         observation, info = env.reset(seed=integer(exploration.seed, "world", sequence), options=options)
         record: dict[str, list[np.ndarray]] = {
             "position": [observation["position"]],
@@ -59,7 +60,7 @@ def collect(
             record["true_position"].append(info["position"])
             record["touching"].append(info["touching"])
         arrays = {key: np.array(values) for key, values in record.items()}
-        arrays["view"] = env.probe(arrays["true_position"][:-1])  # all at once, which is much faster
+        arrays["view"] = layout.views(arrays["true_position"][:-1])  # all at once, which is much faster
         sequences.append(arrays | {"true_position": arrays["true_position"].astype(np.float32)})
         on_sequence(sequence)
     return {key: np.array([arrays[key] for arrays in sequences]) for key in sequences[0]}

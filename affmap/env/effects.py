@@ -42,13 +42,21 @@ EFFECTS = {
     "force_up": Effect("pulls up", "#a1d99b", (0.0, 1.0)),
     "force_down": Effect("pulls down", "#fdae6b", (0.0, -1.0)),
     "fog": Effect("fog", "#9ecae1"),
+    "key": Effect("key", "#f0c808"),
+    "door": Effect("door", "#a0522d"),
     "obstacle": Effect("obstacle", "#8c8c8c"),
 }
 """Name in `conf/layout` -> effect, from the lowest to the highest where circles overlap in a picture."""
 
+SOLID = frozenset({"obstacle", "door"})
+"""Effects that block the way; a door does until a key has been visited."""
+
+INERT = frozenset({"none", "key"})
+"""Effects that move nothing; a key opens all doors of its layout, for good."""
+
 _OURS = frozenset(EFFECTS)
 
-_HIGHEST = ("fog", "obstacle")
+_HIGHEST = ("fog", "key", "door", "obstacle")
 """Effects that lie above all others in pictures."""
 
 

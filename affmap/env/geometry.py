@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from affmap.env.body import Vehicle
-from affmap.env.effects import EFFECTS, force_at
+from affmap.env.effects import EFFECTS, SOLID, force_at
 from affmap.env.layout import Circle, Layout
 from affmap.view import EXTENT
 
@@ -34,12 +34,28 @@ WAY_STEP = 0.05
 
 
 def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndarray) -> bool:
-    """Whether the vehicle can get from `start` to `goal` `[2]` (u) steering freely all the way.
+    """Whether the vehicle can get from `start` to `goal` `[2]` (u) steering freely all the way, if need be over a key.
 
     It must touch no obstacle and no border, stay out of fog, and pass only places where two throttles can push against
     the force fields that act there. That is sufficient, up to the grid, on which start and goal move to their nearest
     points; it is not necessary: a vehicle may also be carried through a field, or find its way in fog.
     """
+    areas = _passable_areas(layout, vehicle)
+    there = _area(areas, start)
+    if there and there == _area(areas, goal):
+        return True
+    opens = any(there and there == _area(areas, np.array([x, y])) for x, y, _ in layout.map.keys)
+    return opens and crossable(layout.opened, vehicle, start, goal)
+
+
+def _area(areas: NDArray[np.integer[Any]], place: np.ndarray) -> int:
+    """Number of the area around the point of the grid nearest to a place `[2]` (u); 0 for none."""
+    column, row = np.clip(np.round(place / STEP).astype(int), 0, np.array(areas.shape) - 1)
+    return int(areas[column, row])
+
+
+def _passable_areas(layout: Layout, vehicle: Vehicle) -> NDArray[np.integer[Any]]:
+    """Numbers of the connected areas of a grid `[X, Y]` in which the vehicle steers freely, from 1; 0 elsewhere."""
     from scipy import ndimage  # takes a tenth of a second to import
 
     x, y = (np.arange(round(side / STEP) + 1) * STEP for side in layout.size)
@@ -53,7 +69,7 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
         center_x, center_y = circle.center
         limit = circle.radius + layout.reach(circle, vehicle.radius)
         affected = np.hypot.outer(x - center_x, y - center_y) < limit
-        if circle.effect in ("obstacle", "fog"):
+        if circle.effect == "fog" or circle.effect in SOLID:
             passable &= ~affected
         elif (effect := EFFECTS[circle.effect]).pull:
             pull += affected[..., None] * vehicle.force * np.array(effect.pull)
@@ -61,23 +77,34 @@ def crossable(layout: Layout, vehicle: Vehicle, start: np.ndarray, goal: np.ndar
             ways = np.stack(np.broadcast_arrays((x - center_x)[:, None], y - center_y), axis=-1)[affected]
             pull[affected] += force_at(circle.effect, effect.force, ways, np.zeros_like(ways))
     passable &= np.linalg.norm(pull, axis=-1) <= math.sqrt(2) * vehicle.thrust
-    areas, _ = ndimage.label(passable)  # neighbours to the sides only: no squeezing through diagonally
-    nearest = np.clip(np.round(np.stack([start, goal]) / STEP).astype(int), 0, np.array(areas.shape) - 1)
-    start_area, goal_area = areas[tuple(nearest.T)]
-    return bool(start_area == goal_area != 0)
+    areas: NDArray[np.integer[Any]] = ndimage.label(passable)[0]  # by sides only: no squeezing through diagonally
+    return areas
 
 
 def way_length(layout: Layout, radius: float, start: np.ndarray, goal: np.ndarray) -> float:
     """Length of the shortest way around obstacles from `start` to `goal` `[2]` (u), infinite if there is none, u.
 
     Distances are sums along both axes: a vehicle is fastest along one of them, where two throttles push, so that this
-    length divided by its top speed is the least number of steps in a world of obstacles, up to the grid.
+    length divided by its top speed is the least number of steps in a world of obstacles, up to the grid. The way may
+    lead over a key, and then through doors.
     """
+    x, y = (np.arange(round(side / WAY_STEP) + 1) * WAY_STEP for side in layout.size)
+    nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    steps, ways = _grid_steps(layout, radius, nodes, start, goal)
+    if layout.opened is not layout:
+        from_goal, _ = _grid_steps(layout.opened, radius, nodes, goal, start)
+        over_keys = (steps + from_goal)[layout.map.at_key(nodes)]
+        ways = min(ways, over_keys.min(initial=math.inf))
+    return float(ways * WAY_STEP)
+
+
+def _grid_steps(
+    layout: Layout, radius: float, nodes: Floats, start: np.ndarray, goal: np.ndarray
+) -> tuple[Floats, float]:
+    """Steps along a grid of nodes `[X, Y, 2]` from that nearest to `start` `[2]`: to all `[X, Y]`, and to `goal`."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import dijkstra  # takes a tenth of a second to import
 
-    x, y = (np.arange(round(side / WAY_STEP) + 1) * WAY_STEP for side in layout.size)
-    nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
     free = reachable(nodes, layout, radius)
     indices = np.arange(free.size).reshape(free.shape)
     right, up = free[:-1] & free[1:], free[:, :-1] & free[:, 1:]
@@ -86,8 +113,8 @@ def way_length(layout: Layout, radius: float, start: np.ndarray, goal: np.ndarra
     graph = csr_matrix((np.ones(len(begins)), (begins, ends)), shape=(free.size, free.size))
     offsets = np.abs(nodes[free] - np.stack([start, goal])[:, None]).sum(-1)  # [2, nodes that are free]
     first, last = indices[free][offsets.argmin(1)]
-    steps = dijkstra(graph, directed=False, indices=first, unweighted=True)[last]
-    return float(steps * WAY_STEP)
+    steps: Floats = dijkstra(graph, directed=False, indices=first, unweighted=True)
+    return steps.reshape(free.shape), float(steps[last])
 
 
 def surface_distance(nodes: Floats, layout: Layout) -> Floats:

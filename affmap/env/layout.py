@@ -17,11 +17,11 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from affmap.env.effects import check_effect
+from affmap.env.effects import SOLID, check_effect
 from affmap.lazy import notebook
 from affmap.settings import ConfigError, Length, Line, Name, Neutral, Number, Settings, preset
 from affmap.settings.messages import format_value
-from affmap.view import VisibleLayout
+from affmap.view import VisibleLayout, view
 
 EffectName = Annotated[str, AfterValidator(check_effect)]
 """A key of `affmap.env.effects.EFFECTS`."""
@@ -38,7 +38,8 @@ class Circle(Settings):
     radius: Length
     """Radius, u."""
     effect: EffectName
-    """Its effect on the vehicle: blocks it, adds noise to its reported position, pulls it, or nothing."""
+    """Its effect on the vehicle: blocks it (for good, or until a key is visited), adds noise to its reported position,
+    pulls it, or nothing."""
     channel: Line
     """Name of the channel of the view that it is painted in."""
 
@@ -132,7 +133,7 @@ class Layout(Arena):
     """A layout: an arena and its circles. `Layout.load("layout", "fog")` reads that of `conf/layout/fog.yaml`."""
 
     circles: tuple[Circle, ...] = Field(max_length=MAX_CIRCLES)
-    """Obstacles, force fields, fog, and circles without an effect; they may overlap."""
+    """Obstacles, doors and keys, force fields, fog, and circles without an effect; they may overlap."""
 
     @model_validator(mode="before")
     @classmethod
@@ -174,7 +175,34 @@ class Layout(Arena):
     def map(self) -> VisibleLayout:
         """The visible part of this layout."""
         circles = tuple((*circle.center, circle.radius, self.channels.index(circle.channel)) for circle in self.circles)
-        return VisibleLayout(self.size, len(self.channels), self.channels.index(self.border_channel), circles)
+        own = self.size, len(self.channels), self.channels.index(self.border_channel), circles
+        if self._without_doors is None:
+            return VisibleLayout(*own)
+        keys = tuple((*circle.center, circle.radius) for circle in self.circles if circle.effect == "key")
+        return VisibleLayout(*own, keys, self._without_doors.map)
+
+    @property
+    def opened(self) -> Layout:
+        """The same layout without its doors: once the vehicle's centre has been inside a key. Itself if it has none."""
+        return self._without_doors or self
+
+    @cached_property
+    def _without_doors(self) -> Layout | None:
+        """The layout without its doors; None if it has none (equality of layouts would follow one to itself)."""
+        circles = tuple(circle for circle in self.circles if circle.effect != "door")
+        return None if len(circles) == len(self.circles) else self.model_copy(update={"circles": circles})
+
+    def views(self, path: np.ndarray) -> np.ndarray:
+        """Views at the positions `[T, 2]` (u) of a flight since its start, `[T, K, 11, 11]` bool: doors open on it."""
+        pictures: np.ndarray = view(self.map, path)
+        is_open = self.are_open(path)
+        if is_open.any():
+            pictures[is_open] = view(self.opened.map, path[is_open])
+        return pictures
+
+    def are_open(self, path: np.ndarray) -> np.ndarray:
+        """Whether doors, if any, are open at each position `[..., T, 2]` (u) since a flight began: `[..., T]`."""
+        return np.logical_or.accumulate(self.map.at_key(path), axis=-1)
 
     def _repr_html_(self) -> str:
         return notebook.layout(self)
@@ -190,7 +218,7 @@ class Layout(Arena):
 
     def reach(self, circle: Circle, radius: float) -> float:
         """Distance between its rim and the centre of a vehicle of `radius` below which a circle acts, u."""
-        return radius if circle.effect == "obstacle" or self.acts == "rim" else 0.0
+        return radius if circle.effect in SOLID or self.acts == "rim" else 0.0
 
     def is_free(self, positions: np.ndarray, radius: float) -> np.ndarray:
         """Whether a disc of `radius` (u) around each of `positions` `[..., 2]` meets nothing solid: `[...]`."""
@@ -224,7 +252,7 @@ class Layout(Arena):
     @cached_property
     def _corner_gaps(self) -> list[tuple[int, int, float]]:
         """Corner, index of an obstacle, and distance between the corner's square and that obstacle (u), for all."""
-        obstacles = [(index, circle) for index, circle in enumerate(self.circles) if circle.effect == "obstacle"]
+        obstacles = [(index, circle) for index, circle in enumerate(self.circles) if circle.effect in SOLID]
         gaps = []
         for corner, (index, circle) in product(range(4), obstacles):
             nearest = np.clip(circle.center, *self.corner(corner))
@@ -233,5 +261,5 @@ class Layout(Arena):
 
     @property
     def obstacles(self) -> Sequence[Circle]:
-        """The circles that block the way."""
-        return [circle for circle in self.circles if circle.effect == "obstacle"]
+        """The circles that block the way, doors among them."""
+        return [circle for circle in self.circles if circle.effect in SOLID]

@@ -14,7 +14,7 @@ import Box2D
 import numpy as np
 
 from affmap.env.body import THROTTLES, Vehicle
-from affmap.env.effects import EFFECTS, check_effect, force_at, pulls
+from affmap.env.effects import EFFECTS, INERT, SOLID, check_effect, force_at, pulls
 from affmap.env.layout import Layout
 
 TOUCH = 10 * float(np.finfo(np.float32).eps)
@@ -22,11 +22,16 @@ TOUCH = 10 * float(np.finfo(np.float32).eps)
 
 
 class Physics:
-    """One vehicle in one world."""
+    """One vehicle in one world.
+
+    Attributes:
+        vehicle: its physical constants.
+        layout: the world as it is now: once the vehicle has been at a key, without its doors.
+    """
 
     def __init__(self, layout: Layout, vehicle: Vehicle, position: np.ndarray) -> None:
         """Put the vehicle at rest at `position` `[2]` (u)."""
-        self.vehicle = vehicle
+        self.vehicle, self.layout = vehicle, layout
         self._start = layout, vehicle, np.array(position, float)
         self._actions = bytearray()  # of all steps so far, 32 bytes each
         self._world = Box2D.b2World(gravity=(0, 0))
@@ -36,12 +41,15 @@ class Physics:
             # Box2D gives edges a thickness of 0.01; without it the vehicle touches where the border is drawn.
             edge = Box2D.b2EdgeShape(vertices=[begin, end], radius=0.0)
             self._add(edge)
+        self._doors: list[Box2D.b2Body] = []
         for circle in layout.obstacles:
-            self._add(Box2D.b2CircleShape(pos=circle.center, radius=circle.radius))
+            body = self._add(Box2D.b2CircleShape(pos=circle.center, radius=circle.radius))
+            if circle.effect == "door":
+                self._doors.append(body)
         self._terrains = [
             (*circle.center, circle.radius + layout.reach(circle, vehicle.radius) + TOUCH, circle.effect)
             for circle in layout.circles
-            if circle.effect not in ("obstacle", "none")
+            if circle.effect not in SOLID | INERT
         ]
         self._pulls = pulls()
         forces = {name: EFFECTS[check_effect(name)].force for *_, name in self._terrains}
@@ -53,8 +61,8 @@ class Physics:
         )
         self._feel()
 
-    def _add(self, shape: Box2D.b2Shape) -> None:
-        self._world.CreateStaticBody(fixtures=Box2D.b2FixtureDef(shape=shape, friction=0, restitution=0))
+    def _add(self, shape: Box2D.b2Shape) -> Box2D.b2Body:
+        return self._world.CreateStaticBody(fixtures=Box2D.b2FixtureDef(shape=shape, friction=0, restitution=0))
 
     @property
     def position(self) -> np.ndarray:
@@ -90,7 +98,11 @@ class Physics:
         return _replay, (*self._start, np.frombuffer(bytes(self._actions)).reshape(-1, 4))
 
     def _feel(self) -> None:
-        """Count the things of each effect that act on the vehicle at its current place."""
+        """Open the doors if the vehicle is at a key; count the things of each effect that act on it at its place."""
+        if self._doors and self.layout.map.at_key(self.position):
+            for door in self._doors:
+                self._world.DestroyBody(door)
+            self._doors, self.layout = [], self.layout.opened
         # Box2D finds contacts at the beginning of a step; a step of no time finds the current ones and moves nothing.
         self._world.Step(0.0, self.vehicle.velocity_iterations, self.vehicle.position_iterations)
         effects = self._effects = dict.fromkeys(EFFECTS, 0)

@@ -45,7 +45,7 @@ class VehicleVectorEnv(PlainSpec, SyncVectorEnv):
         super().__init__([partial(VehicleEnv, arena, views=views, **arguments)] * num_envs)
         self._views = views
         self._max_steps = max_episode_steps
-        self._shared = isinstance(arena, Layout)
+        self._shared = isinstance(arena, Layout) and arena.opened is arena  # doors open for each by itself
         self._steps = np.zeros(num_envs, int)
 
     def reset(

@@ -62,7 +62,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     | info | type | meaning |
     |---|---|---|
     | position | [2] | true position, u |
-    | touching | bool | an obstacle or a border is being touched |
+    | touching | bool | an obstacle, a closed door or a border is being touched |
     | in_fog | bool | the vehicle is in fog: its centre, or any part of it where the layout says `acts: rim` |
     | reached | bool | the distance to the goal is below `goal_radius` |
 
@@ -165,7 +165,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 raise ValueError(f"{key} = {point.tolist()} is not a point of the arena {list(layout.size)} (u).")
         if not layout.is_free(position, self.vehicle.radius):
             raise ValueError(f"position = {position.tolist()} is not free: the vehicle would overlap something solid.")
-        self._layout, self.goal = layout, goal
+        self.goal = goal
         self.action = np.zeros(4)
         self.planned_positions = None
         self._physics = Physics(layout, self.vehicle, position)
@@ -198,7 +198,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def layout(self) -> Layout:
-        """The current layout.
+        """The current layout; once the vehicle has been at a key, that without its doors.
 
         Raises:
             gymnasium.error.ResetNeeded: it is drawn by `reset`, which was not called.
@@ -243,6 +243,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def _sense(self) -> None:
         """Update the true position and the one reported by the vehicle's sensors."""
         physics = self._running()
+        self._layout = physics.layout
         noise = self.np_random.normal(0, self.vehicle.fog_std, 2) if physics.in_fog else 0.0
         self._position = physics.position
         self._reported = self._position + noise

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 import torch
@@ -40,6 +40,10 @@ class Lookup(Protocol):
 
     def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> Lookup:
         """Make a look-up of the same kind for `stack` in another world, or in B others."""
+        ...
+
+    def merged(self, other: Self, from_other: Sequence[bool]) -> Lookup:
+        """Make a look-up of B worlds of this one and of another of the same members; `from_other` `[B]` says which."""
         ...
 
 
@@ -88,6 +92,7 @@ class ExactLookup:
         """
         _check_worlds(worlds)
         self._direct, self._codes, self.worlds = DirectEncoder(stack), CachedEncoder(stack), worlds
+        self._stack = stack
 
     def __repr__(self) -> str:
         return f"ExactLookup({counted(len(self.worlds), 'world')})"
@@ -107,6 +112,19 @@ class ExactLookup:
     def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> ExactLookup:
         """Make a look-up of the same kind for `stack` in another world, or in B others."""
         return ExactLookup(stack, worlds)
+
+    def merged(self, other: Self, from_other: Sequence[bool]) -> ExactLookup:
+        """Make a look-up of B worlds of this one and of another, see `Lookup.merged`."""
+        return ExactLookup(self._stack, _merged(self.worlds, other.worlds, from_other))
+
+
+def _merged(own: Sequence[Any], others: Sequence[Any], from_other: Sequence[bool]) -> list[Any]:
+    """Items for B problems (member-major), each from one of two lists of items for equal parts of them."""
+    return [
+        items[problem * len(items) // len(from_other)]
+        for problem, other in enumerate(from_other)
+        for items in [others if other else own]
+    ]
 
 
 def lookup_error(lookup: Lookup, exact: ExactLookup, positions: Tensor) -> Tensor:
@@ -173,6 +191,12 @@ class AffordanceMap:
     def elsewhere(self, stack: Stack, worlds: Sequence[VisibleLayout]) -> AffordanceMap:
         """Paint a map with the same spacing for `stack` in another world, or in B others."""
         return AffordanceMap.paint(stack, worlds, self.spacing, self.differentiable)
+
+    def merged(self, other: Self, from_other: Sequence[bool]) -> AffordanceMap:
+        """Make a map of B worlds of this one and of another, see `Lookup.merged`; nothing is painted."""
+        codes = torch.stack(_merged([*self.codes], [*other.codes], from_other))
+        worlds = _merged(self.worlds, other.worlds, from_other)
+        return AffordanceMap(codes, worlds, self.differentiable, self.spacing)
 
     def picture(self, index: int = 0) -> np.ndarray:
         """Colours of the map at `index` of the leading axis, `[Y, X, 3]` in [0, 1]; row 0 is y = 0.

@@ -81,7 +81,7 @@ def _layouts(config: Config) -> list[Layout]:
 def _lookup_error(
     config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout], positions: np.ndarray
 ) -> np.ndarray:
-    """Mean error of context codes along paths `[B, T + 1, 2]` (u): `[B]`."""
+    """Mean error of context codes along paths `[B, T + 1, 2]` (u), in the worlds as runs begin: `[B]`."""
     if config.lookup.spacing == 0 or stack.context_size == 0:
         return np.zeros(len(positions))
     exact = ExactLookup(stack, [layout.map for layout in layouts])

@@ -45,7 +45,7 @@ class Game:
         worlds: names of the worlds that the agent can see.
         planners: names of the planners that it can have.
         world: name of the world, which circles may have been moved in since.
-        layout: the world as it is now.
+        layout: the world as flights in it begin; `env.layout` is the present one, in which doors may be open.
         env: the vehicle in it.
         setting: the settings of the agent.
         by_hand: whether the player flies; else the agent does.
@@ -93,6 +93,7 @@ class Game:
         """Start in a corner, with the goal in the opposite one."""
         self._observation, info = self.env.reset(seed=next(self._seeds))
         self._pilot.reset()
+        self._follow_doors()
         self.past, self.in_fog = [info["position"]], info["in_fog"]
         self.thought: Thought | None = None
 
@@ -113,6 +114,7 @@ class Game:
             self._observation, _, _, _, info = self.env.step(action)
             self.past.append(info["position"])
             self.in_fog = info["in_fog"]
+            self._follow_doors()
 
     def set_goal(self, goal: Sequence[float]) -> None:
         """Fly to a point of the arena `[2]`, u."""
@@ -123,7 +125,8 @@ class Game:
     def circle_at(self, point: Sequence[float]) -> int | None:
         """Index of the circle at a point `[2]` (u), the smallest of several; None if there is none."""
         gaps = [np.hypot(*np.subtract(point, circle.center)) - circle.radius for circle in self.layout.circles]
-        hit = [number for number, gap in enumerate(gaps) if gap < GRAB]
+        there = [circle in self.env.layout.circles for circle in self.layout.circles]
+        hit = [number for number, gap in enumerate(gaps) if gap < GRAB and there[number]]
         return min(hit, key=lambda number: self.layout.circles[number].radius, default=None)
 
     def move_circle(self, number: int, center: Sequence[float]) -> None:
@@ -174,12 +177,18 @@ class Game:
         """Distance from the vehicle to the goal, u."""
         return float(np.hypot(*(self.past[-1] - self.env.goal)))
 
+    def _follow_doors(self) -> None:
+        """Put a new agent at the controls where doors have opened, whoever flies, or are closed again."""
+        if self.env.layout is not self._flown:
+            self._take_controls(new_colors=False)
+
     def _take_controls(self, new_colors: bool) -> None:
         """Put a new agent at the controls after a change of settings or layout."""
+        self._flown = self.env.layout
         context_size, planner, beta, lookup, guide = self.setting
         agent = self._load(context_size, planner, lookup)
         agent.settings = agent.settings.model_copy(update={"beta": beta, "guide": guide})
-        self._pilot = Pilot(agent, self.layout, seed=next(self._seeds))
+        self._pilot = Pilot(agent, self._flown, seed=next(self._seeds))
         self.thought = None
         self.ground = self._paint(agent.stack, new_colors) if context_size else None
 
@@ -190,7 +199,7 @@ class Game:
         return agent
 
     def _paint(self, stack: Stack, new_colors: bool) -> np.ndarray:
-        codes = AffordanceMap.paint(stack, [self.layout.map], GROUND_SPACING).codes[0].numpy()
+        codes = AffordanceMap.paint(stack, [self._flown.map], GROUND_SPACING).codes[0].numpy()
         if new_colors:  # otherwise they would change while a circle is moved
             self._palette = Palette.fit(codes.reshape(-1, codes.shape[-1]))
         return self._palette(codes)

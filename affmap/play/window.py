@@ -168,7 +168,7 @@ class Window:
         game, env, thought = self.game, self.game.env, self.game.thought
         self.screen.fill(WHITE)
         canvas = self._canvas
-        scene = Scene(game.layout, env.vehicle.radius, game.past[-1], env.goal, env.goal_radius, env.action)
+        scene = Scene(env.layout, env.vehicle.radius, game.past[-1], env.goal, env.goal_radius, env.action)
         ground = game.ground if self.shown.map else None
         scene = scene._replace(past=np.array(game.past[-200:]), in_fog=game.in_fog, view=self.shown.view, ground=ground)
         scene = scene._replace(way=game.way, times=game.times)

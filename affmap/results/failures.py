@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from affmap.env.effects import EFFECTS
+from affmap.env.effects import EFFECTS, INERT, SOLID
 from affmap.env.geometry import affected, circle_distance, surface_distance
 from affmap.env.layout import Layout
 from affmap.lazy import stats
@@ -78,7 +78,7 @@ def with_nearest(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
 
 def things() -> dict[str, str]:
     """Thing that a vehicle can be nearest to -> its name."""
-    terrains = {name: effect.label for name, effect in EFFECTS.items() if name not in ("obstacle", "none")}
+    terrains = {name: effect.label for name, effect in EFFECTS.items() if name not in SOLID | INERT}
     return {SURFACE: "obstacle or border", **terrains}
 
 
@@ -86,7 +86,7 @@ def nearest(position: Floats, layout: Layout) -> str:
     """The thing nearest to a place `[2]` (u), or deepest around it: a key of `things`."""
     distances = {SURFACE: float(surface_distance(position, layout))}
     for circle in layout.circles:
-        if circle.effect not in ("obstacle", "none"):
+        if circle.effect not in SOLID | INERT:
             distance = float(circle_distance(position, circle))
             distances[circle.effect] = min(distance, distances.get(circle.effect, distance))
     return min(distances, key=lambda thing: distances[thing])
@@ -132,7 +132,7 @@ def step_errors(results: Results, settings: Sequence[Setting]) -> pd.DataFrame:
 
 def acting(positions: Floats, layout: Layout, radius: float) -> NDArray[np.integer]:
     """Number of circles that act on a vehicle of `radius` (u) at `positions` `[..., 2]` (u): `[...]`."""
-    circles = [circle for circle in layout.circles if circle.effect != "none"]
+    circles = [circle for circle in layout.circles if circle.effect not in INERT]
     inside = [affected(positions, layout, circle, radius) for circle in circles]
     return np.sum(inside, axis=0) if inside else np.zeros(positions.shape[:-1], int)
 

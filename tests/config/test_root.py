@@ -458,12 +458,14 @@ def test_a_layout_that_cannot_be_used_is_reported_before_anything_runs(
 
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_every_layout_can_be_used(name: str) -> None:
-    """As the world of everything, or, a procedural one, where its properties were learned."""
-    if "circles" in content(CONF / "layout" / f"{name}.yaml"):
+    """As the world of everything, or, one that is drawn, where its properties were learned."""
+    values = content(CONF / "layout" / f"{name}.yaml")
+    if "circles" in values:
         (config,) = sweep.jobs([f"world={name}"])
         assert config.training_layouts == (config.control_layout,) == (config.map_layout,)
     else:
-        (config,) = sweep.jobs(["world=training_fog", f"control_layout={name}"])
+        world = "training_doors" if "door" in values["channels"] else "training_fog"
+        (config,) = sweep.jobs([f"world={world}", f"control_layout={name}"])
         assert isinstance(config.control_layout, Rules)
     assert config.control_layout.name == name
 

@@ -14,13 +14,14 @@ from affmap.control.agent import Agent, ControlSettings, Decision, Observation
 from affmap.control.episodes import Runs, control, summarise
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
+from affmap.env.procedural import load
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import LookupSettings, make_lookup
 from affmap.model.stack import ModelSettings, Stack
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.planning.planner import Generators, Planner
-from affmap.random import integer
+from affmap.random import generator, integer
 
 FOG = {"center": [0.3, 0.3], "radius": 0.15, "effect": "fog", "channel": "solid"}
 LAYOUT = Layout.load("layout", "original", circles=[FOG, *Layout.load("layout", "original").model_dump()["circles"]])
@@ -295,3 +296,46 @@ def test_each_run_in_a_world_of_its_own_is_the_run_alone_in_that_world() -> None
             for key in ("position", "prediction_error", "planned_position"):
                 found, expected = together.trajectories[key][number], alone.trajectories[key][run]
                 np.testing.assert_allclose(found, expected, atol=2e-3, err_msg=f"{kind} {key}")
+
+
+DOORS = [load("doors").draw(generator(0, "doors test", number)) for number in range(4)]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("kind", ["map", "exact"])
+def test_doors_open_for_each_run_by_itself(kind: str) -> None:
+    """Two members with two runs each, of which some start at a key: against the run alone; views, codes and bits."""
+    model = Stack(ModelSettings.load("model", "default", context_size=3), 3, SEEDS)
+    settings = SETTINGS.model_copy(update={"runs_per_member": 2})
+    keys = np.array([next(each.center for each in world.circles if each.effect == "key") for world in DOORS])
+    starts = np.where(np.array([True, False, False, True])[:, None], keys, keys + np.array([0.0, 0.4]))
+    lookups = LookupSettings.load("lookup", kind)
+    together = Recorder(model, make_lookup(lookups, model, [each.map for each in DOORS]), PLANNERS["cem"], settings)
+    runs = control(together, DOORS, VEHICLE, settings, SEEDS, starts=starts)
+    for number, layout in enumerate(DOORS):
+        path = runs.trajectories["position"][number].astype(float)
+        np.testing.assert_array_equal([each.view[number] for each in together.seen], layout.views(path)[:-1])
+        assert layout.are_open(path)[0] == (number in (0, 3))
+        one = model.select([number // 2])
+        alone = Agent(one, make_lookup(lookups, one, [layout.map]), PLANNERS["cem"], settings)
+        own = settings.model_copy(update={"runs_per_member": 2})
+        flown = control(alone, [layout], VEHICLE, own, one.seeds, starts=starts[[number, number]])
+        for key in ("position", "prediction_error", "planned_position"):
+            found, expected = runs.trajectories[key][number], flown.trajectories[key][number % 2]
+            np.testing.assert_allclose(found, expected, atol=2e-3, err_msg=key)
+
+
+def test_what_is_imagined_at_an_opened_door_is_what_is_imagined_without_one() -> None:
+    """After a visit of the key, decisions are those of an agent that has never known of the door."""
+    layout = DOORS[0]
+    key = next(each.center for each in layout.circles if each.effect == "key")
+    model = Stack(ModelSettings.load("model", "default", context_size=3), 3, SEEDS)
+    flown = []
+    for world in (layout, layout.opened):
+        for start in (key, np.add(key, [0.0, 0.4])):
+            lookup = make_lookup(LookupSettings.load("lookup", "map"), model, [world.map])
+            agent = Agent(model, lookup, PLANNERS["cem"], SETTINGS)
+            starts = np.tile(np.array(start, float), (len(SEEDS) * R, 1))
+            flown.append(control(agent, [world], VEHICLE, SETTINGS, SEEDS, starts=starts).trajectories)
+    for name in ("position", "planned_position", "action"):
+        np.testing.assert_allclose(flown[0][name], flown[2][name], atol=1e-4)
+    assert not np.isnan(flown[1]["position"]).any()

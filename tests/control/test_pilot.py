@@ -8,6 +8,7 @@ import pytest
 
 import affmap
 from affmap.control.episodes import control
+from affmap.control.oracle import Oracle
 from affmap.control.pilot import Pilot
 from affmap.env.body import Vehicle
 from affmap.random import integer
@@ -101,3 +102,20 @@ def test_what_is_no_observation_of_one_vehicle_is_told() -> None:
     with pytest.raises(ValueError, match=r"^the observation is \({'position': .*; give a dictionary"):
         pilot((good, info))  # type: ignore[arg-type]
     np.testing.assert_array_equal(pilot(good), other(good))
+
+
+def test_a_pilot_goes_through_the_door_that_it_has_opened() -> None:
+    """An oracle with a map of times to go: first to the key, then to the goal; its map is that of the present world."""
+    layout = affmap.Layout.load("layout", "training_doors")
+    settings = affmap.ControlSettings(guide="time_to_go")
+    vehicle = Vehicle.load("vehicle", "default")
+    pilot = Pilot(Oracle([layout], vehicle, affmap.CEMPlanner(), settings), layout)
+    env = gymnasium.make("affmap/Vehicle-v0", layout=layout).unwrapped
+    observation, _ = env.reset(seed=0, options={"position": [2.1, 1.0], "goal": [2.25, 1.5]})
+    maps = []
+    for _ in range(30):
+        observation, *_, info = env.step(pilot(observation))
+        maps.append(pilot.time_to_go)
+        assert np.isfinite(pilot.thought.candidates).all()
+    assert info["reached"], "the goal is inside a door"
+    assert maps[0] is not None and maps[0].opened is maps[-1]

@@ -28,7 +28,7 @@ VEHICLE = Vehicle.load("vehicle", "default")
 SETTINGS = ControlSettings.load("control", "default", guide="time_to_go", runs_per_member=4)
 PLANNER = CEMPlanner.load("planner", "cem")
 EMPTY = Layout.load("layout", "four_properties", name="empty", circles=())
-RULES = {name: load(name) for name in ("trap", "rooms", "spiral")}
+RULES = {name: load(name) for name in ("trap", "rooms", "spiral", "doors")}
 
 
 def draw(name: str, run: int) -> Layout:
@@ -97,7 +97,9 @@ def test_paths_lead_around_walls_to_the_goal(name: str) -> None:
     made = TimeToGo.imagine(oracle(*layouts), goals)
     for path, layout, start, goal in zip(made.paths(starts), layouts, starts, goals, strict=True):
         np.testing.assert_allclose(path[[0, -1]], [start, goal])
-        assert surface_distance(path, layout).min() > VEHICLE.radius - made.x[0] / 2
+        is_open = layout.are_open(path)
+        assert surface_distance(path[is_open], layout.opened).min(initial=1) > VEHICLE.radius - made.x[0] / 2
+        assert surface_distance(path[~is_open], layout).min(initial=1) > VEHICLE.radius - made.x[0] / 2
         assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.22
 
 
@@ -177,3 +179,70 @@ def test_goals_and_spacings_that_are_none_are_named() -> None:
 
 def test_it_says_its_size() -> None:
     assert repr(affmap.TimeToGo.imagine(oracle(EMPTY), [1, 1])) == "TimeToGo(1 x 29 x 19 nodes 0.1 u apart)"
+
+
+def with_a_key(at: int) -> TimeToGo:
+    """Eight nodes in a row, 0.1 u and two steps apart; a door on two of them; the goal, beyond the last one; a key."""
+    opened = np.full((1, 8, 1, 8), np.inf)
+    opened[:, [0, 4]] = 2.0  # to the right and to the left
+    closed = opened.copy()
+    closed[:, 0, :, 2:5] = closed[:, 4, :, 3:6] = np.inf
+    x, y, goal = np.arange(1, 9) / 10, np.array([0.1]), np.array([[0.89, 0.1]])
+    keys = np.zeros((1, 1, 8), bool)
+    keys[..., at] = True
+    return TimeToGo(closed, x, y, goal, 25.0, TimeToGo(opened, x, y, goal, 25.0), keys)
+
+
+OPEN = np.array([True])
+NONE = [np.inf] * 5
+
+
+def test_ways_lead_over_the_key_and_back() -> None:
+    """By hand: to the first node, and from there through the door. Once it is open, straight on."""
+    made = with_a_key(0)
+    assert made.opened is not None
+    np.testing.assert_allclose(made.opened.steps[0, 0], [14, 12, 10, 8, 6, 4, 2, 0])
+    np.testing.assert_allclose(made.steps[0, 0], [14, 16, 18, np.inf, np.inf, 4, 2, 0])
+    (path,), (straight,) = made.paths([[0.3, 0.1]]), made.paths([[0.3, 0.1]], OPEN)
+    on = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.89]
+    np.testing.assert_allclose(path[:, 0], [0.3, 0.3, 0.2, 0.1, 0.1, 0.2, *on])
+    np.testing.assert_allclose(straight[:, 0], [0.3, *on])
+    assert made.clear().mask.tolist() == [[False, False, False, True, True, False, False, False]]
+
+
+def test_a_key_is_a_sub_goal_until_it_is_visited() -> None:
+    """By hand: two nodes back to the key, however far ahead the sub-goal would be; then ahead to the goal."""
+    made = with_a_key(0)
+    for distance, expected in ((0.1, 0.2), (0.15, 0.15), (0.2, 0.1), (0.9, 0.1)):
+        np.testing.assert_allclose(made.subgoals([[0.3, 0.1]], distance), [[expected, 0.1]])
+        ahead = made.subgoals([[0.3, 0.1]], distance, OPEN)
+        np.testing.assert_allclose(ahead, [[min(0.3 + distance, 0.89), 0.1]])
+    np.testing.assert_allclose(made.subgoals([[0.6, 0.1]], 0.1), [[0.7, 0.1]], err_msg="the goal is on this side")
+
+
+def test_a_key_out_of_reach_opens_nothing() -> None:
+    """Behind the door: no way from before it; and no detour where the goal is on this side."""
+    made = with_a_key(6)
+    np.testing.assert_allclose(made.steps[0, 0], [*NONE, 4, 2, 0])
+    np.testing.assert_allclose(made.paths([[0.2, 0.1]])[0], [[0.2, 0.1]])
+    np.testing.assert_allclose(made.subgoals([[0.2, 0.1]], 0.3), made.goals)
+
+
+def test_a_key_at_the_goal_costs_nothing_more() -> None:
+    """An edge of no length: its node is a goal of both layers."""
+    np.testing.assert_allclose(with_a_key(7).steps[0, 0], [*NONE, 4, 2, 0])
+
+
+def test_layouts_without_doors_have_one_layer() -> None:
+    """Also beside layouts with doors, where both of its layers are the same."""
+    assert TimeToGo.imagine(oracle(EMPTY), [1.0, 1.0]).opened is None
+    trap, doors = draw("trap", 0), draw("doors", 0)
+    goals = np.array([trap.corner(3).mean(0), doors.corner(3).mean(0)])
+    made = TimeToGo.imagine(oracle(trap, doors), goals)
+    assert made.opened is not None
+    np.testing.assert_array_equal(made.steps[0], made.opened.steps[0])
+    np.testing.assert_array_equal(made.steps[0], TimeToGo.imagine(oracle(trap), goals[0]).steps[0])
+    nodes = np.stack(np.meshgrid(made.x, made.y), -1)
+    free = (surface_distance(nodes, doors) > VEHICLE.radius) & np.isfinite(made.opened.steps[1])
+    detour = made.steps[1][free] - made.opened.steps[1][free]
+    assert detour.min() > -1e-9 and detour.max() > 10

@@ -103,6 +103,18 @@ def test_views_are_of_the_true_positions_before_each_step(explored: Arrays) -> N
     np.testing.assert_array_equal(explored["position"], explored["true_position"])
 
 
+def test_views_are_without_doors_once_a_key_was_visited() -> None:
+    """Of the paths, by the rule itself; some sequences open them, and not at once."""
+    layout = Layout.load("layout", "training_doors")
+    arrays = collect([layout], VEHICLE, exploration(num_sequences=6, num_steps=120))
+    paths = arrays["true_position"][:, :-1].astype(float)
+    is_open = layout.are_open(paths)
+    assert 0 < is_open[:, -1].sum() < 6 and not is_open[:, 0].any()
+    assert not arrays["view"][is_open][:, 1].any() and arrays["view"][~is_open][:, 1].any()
+    closed = view(layout.map, paths[~is_open])
+    assert (arrays["view"][~is_open] != closed).mean() < 1e-4
+
+
 def test_sequences_start_at_rest_at_free_places_and_stay_in_the_arena(explored: Arrays) -> None:
     """Geometry: nothing overlaps by more than Box2D's slop; the first step is slower than thrust alone allows."""
     assert LAYOUT.is_free(explored["true_position"][:, 0].astype(float), VEHICLE.radius).all()

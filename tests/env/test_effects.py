@@ -51,9 +51,9 @@ def test_something_else_than_an_effect_is_refused(wrong: Any) -> None:
 
 
 def test_a_line_makes_a_new_pull() -> None:
-    """It can be laid out, it pulls, and pictures, legends and tables of failures show it, below fog and obstacles."""
+    """It can be laid out, it pulls; pictures, legends and tables of failures show it, below fog and what is solid."""
     register_effect("wind", Effect("blows to the left", "#123456", (-1.0, 0.0)))
-    assert list(EFFECTS)[-3:] == ["wind", "fog", "obstacle"]
+    assert list(EFFECTS)[-5:] == ["wind", "fog", "key", "door", "obstacle"]
     windy = layout("wind")
     physics = Physics(windy, VEHICLE, np.array([1.5, 1.0]))
     physics.step(np.zeros(4))

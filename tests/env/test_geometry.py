@@ -280,3 +280,31 @@ def test_no_vehicle_is_faster_than_the_shortest_way_at_top_speed() -> None:
         physics.step(np.array([1.0, 0, 0, 1.0]))
         steps += 1
     assert way_length(world(), VEHICLE.radius, START, GOAL) / VEHICLE.top_speed < steps
+
+
+KEY = (0.6, 1.5, 0.1, "key")
+
+
+@pytest.mark.parametrize(
+    ("circles", "answer"),
+    [
+        ([*wall("door")], False),
+        ([*wall("door"), KEY], True),
+        ([*wall("door"), (2.4, 1.5, 0.1, "key")], False),
+        ([*wall("obstacle"), *wall("door", 2.0), KEY], False),
+        ([*wall("obstacle"), KEY], False),
+        ([*wall("obstacle", 0.9), *wall("door", 2.0), (1.5, 1.0, 0.1, "key")], False),
+    ],
+)
+def test_doors_let_through_whoever_gets_to_a_key(circles: list[tuple[float, float, float, str]], answer: bool) -> None:
+    """No key, one on this side, one behind the door; walls behind an open door; no door; a key out of reach."""
+    assert crossable(world(*circles), VEHICLE, START, GOAL) is answer
+
+
+def test_the_shortest_way_leads_over_a_key() -> None:
+    """By hand: from y = 1 up to the rim of the key at 1.4 and down again, and no detour for a key on the way."""
+    radius = VEHICLE.radius
+    assert way_length(world(*wall("door"), KEY), radius, START, GOAL) == pytest.approx(2.6 + 2 * 0.4, abs=0.11)
+    assert way_length(world(*wall("door"), (0.6, 1.0, 0.1, "key")), radius, START, GOAL) == pytest.approx(2.6)
+    assert way_length(world(*wall("door")), radius, START, GOAL) == np.inf
+    assert way_length(world(KEY), radius, START, GOAL) == pytest.approx(2.6)

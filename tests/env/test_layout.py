@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from affmap.env.body import Vehicle
 from affmap.env.layout import Circle, Layout
 from affmap.env.procedural import Procedural, first_layout
 from affmap.settings import ConfigError, folder, read
+from affmap.view import view
 
 FILES = [path.stem for path in sorted((folder() / "layout").glob("*.yaml")) if "circles" in read("layout", path.stem)]
 quick = settings(max_examples=60, deadline=None, derandomize=True)
@@ -164,7 +166,7 @@ def test_the_worlds_of_experiments_4_and_5_act_at_the_centre(name: str) -> None:
     assert layout.acts == layout.plain["acts"] == read("layout", name)["acts"] == "center"
 
 
-@pytest.mark.parametrize("effect", ["fog", "force_up", "force_down", "none"])
+@pytest.mark.parametrize("effect", ["fog", "force_up", "force_down", "none", "key"])
 def test_only_obstacles_block_a_corner_or_a_place(effect: str) -> None:
     layout = original(circles=[circle(effect=effect, center=[0.2, 0.2])])
     layout.check_corners(0.06)
@@ -312,3 +314,35 @@ def test_a_file_has_the_name_of_its_layout(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(ConfigError, match="name = 'procedural_easy' must be that of the file"):
         Procedural.load("layout", "my_procedural_easy")
     assert Layout.load("layout", "my_original", name="mine").name == "mine"
+
+
+def doors() -> Layout:
+    """A door in the middle, and a key to the left of it."""
+    door = circle(effect="door", center=[1.5, 1.0], channel="solid")
+    return original(circles=[door, circle(effect="key", center=[0.5, 1.0], radius=0.2)])
+
+
+def test_an_opened_layout_has_all_but_the_doors() -> None:
+    """Also to the eye; without doors it is the layout itself, whether there are keys or not."""
+    layout = doors()
+    assert layout.opened == original(circles=[layout.circles[1]])
+    assert layout.opened.opened is layout.opened and original().opened.opened == original()
+    assert layout.map.opened == layout.opened.map and layout.map.keys == ((0.5, 1.0, 0.2),)
+    assert layout.opened.map.opened is None and layout.opened.map.keys == ()
+    assert tuple(layout.obstacles) == layout.circles[:1] and not layout.opened.obstacles
+    assert pickle.loads(pickle.dumps(layout)) == layout != layout.opened
+    with pytest.raises(ConfigError, match="blocks the start corner"):
+        original(circles=[circle(effect="door", center=[0.2, 0.2])]).check_corners(0.06)
+
+
+def test_doors_are_open_from_the_first_visit_of_a_key() -> None:
+    """By hand: before it, inside, and after it; views along a path are those of the world at each moment."""
+    layout = doors()
+    path = np.array([[1.2, 1.0], [0.71, 1.0], [0.69, 1.0], [1.2, 1.0]])
+    assert layout.are_open(path).tolist() == [False, False, True, True]
+    assert layout.are_open(np.stack([path, path[[0, 0, 0, 0]]])).tolist() == [[False, False, True, True], [False] * 4]
+    assert not layout.opened.are_open(path).any()
+    seen = layout.views(path)
+    np.testing.assert_array_equal(seen[:2], view(layout.map, path[:2]))
+    np.testing.assert_array_equal(seen[2:], view(layout.opened.map, path[2:]))
+    assert (seen[0] != seen[3]).any()

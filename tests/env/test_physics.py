@@ -4,7 +4,9 @@ The reference for motion is `v' = (v + dt F / m) max(0, 1 - dt d)`, then `x' = x
 (`b2Island::Solve`), not the implicit `/ (1 + dt d)` of later releases.
 """
 
+import copy
 import math
+import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -236,7 +238,7 @@ def test_obstacles_are_the_same_under_both_rules() -> None:
     assert np.ptp(flown[0][0], axis=0).min() > 0.5
 
 
-@pytest.mark.parametrize("effect", ["fog", "none"])
+@pytest.mark.parametrize("effect", ["fog", "none", "key"])
 def test_fog_and_meaningless_circles_do_not_block(effect: str) -> None:
     """The flight through the circle is bit-equal to the flight in an empty world."""
     actions = np.tile(RIGHT, (25, 1))
@@ -399,3 +401,54 @@ def test_a_bad_value_of_a_vehicle_is_named() -> None:
         bad: Any = -1
         with pytest.raises(ValueError, match=rf"^Vehicle\.load: {key} = -1 is not allowed: it should be gr"):
             Vehicle.load("vehicle", "default", **{key: bad})
+
+
+DOOR = (1.5, 1.0, 0.3, "door")
+
+
+def test_a_door_blocks_as_an_obstacle_does() -> None:
+    """Bit for bit, as long as no key was visited: also if there is one that the vehicle's rim touches."""
+    start, actions = np.array([0.3, 1.0]), np.tile(RIGHT, (60, 1))
+    expected = fly(Physics(world((*DOOR[:3], "obstacle")), VEHICLE, start), actions)
+    for others in ([], [(0.3, 1.12, 0.11, "key")]):
+        physics = Physics(world(DOOR, *others), VEHICLE, start)
+        np.testing.assert_array_equal(fly(physics, actions), expected)
+        assert physics.touching and physics.layout.obstacles
+
+
+def test_a_visited_key_opens_all_doors_for_good() -> None:
+    """The closed form of free flight through where they were, from the step in which the centre is in the key."""
+    layout = world(DOOR, (2.2, 1.0, 0.2, "door"), (0.6, 1.0, 0.1, "key"))
+    start, actions = np.array([0.3, 1.0]), np.tile(RIGHT, (20, 1))
+    physics = Physics(layout, VEHICLE, start)
+    position, velocity = start, np.zeros(2)
+    for action in actions:
+        physics.step(action)
+        position, velocity = advance(position, velocity, np.array([math.sqrt(2), 0.0]), VEHICLE.damping)
+        np.testing.assert_allclose(physics.position, position, atol=1e-5)
+        assert (physics.layout is layout) == (position[0] < 0.5)
+    assert position[0] > 2.4 and physics.layout == layout.opened
+
+
+def test_a_door_opens_for_a_vehicle_that_presses_on_it() -> None:
+    """By a key beside the door: the contact is over in the same step."""
+    layout = world((1.5, 1.0, 0.3, "door"), (1.14, 1.0, 0.01, "key"))
+    physics = Physics(layout, VEHICLE, np.array([0.9, 1.0]))
+    touched = []
+    for _ in range(40):
+        physics.step(0.1 * RIGHT)
+        touched.append((physics.touching, physics.layout is layout))
+    assert (True, False) not in touched and touched[-1] == (False, False)
+
+
+def test_a_copy_has_the_doors_of_the_original() -> None:
+    """Before a key and after it, to the same bits; a new flight begins with closed doors."""
+    layout = world(DOOR, (0.6, 1.0, 0.1, "key"))
+    physics, actions = Physics(layout, VEHICLE, np.array([0.3, 1.0])), np.tile(RIGHT, (12, 1))
+    for action in actions:
+        physics.step(action)
+        again = pickle.loads(pickle.dumps(physics))
+        assert again.layout == physics.layout
+        np.testing.assert_array_equal(fly(again, actions), fly(copy.deepcopy(physics), actions))
+    assert Physics(layout, VEHICLE, np.array([0.3, 1.0])).layout is layout
+    assert Physics(layout, VEHICLE, np.array([0.6, 1.0])).layout == layout.opened, "it starts at the key"

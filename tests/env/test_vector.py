@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from rollouts import actions
 
 from affmap.env import VehicleEnv
+from affmap.env.layout import Layout
 from affmap.env.vector import VehicleVectorEnv
 
 pytestmark = pytest.mark.usefixtures("loops")
@@ -125,3 +126,20 @@ def test_a_step_without_its_view_is_the_same_step() -> None:
         env.reset(seed=3)
     (seen, *rest), (felt, *others) = seeing.step(np.full(4, 0.3)), other.advance(np.full(4, 0.3))
     assert set(seen) - set(felt) == {"view"} and str(rest) == str(others)
+
+
+def test_doors_open_for_each_vehicle_by_itself() -> None:
+    """Views after one of them was at the key, against Gymnasium's own vector."""
+    layout = Layout.load("layout", "training_doors")
+    flights = []
+    for mode in (None, "sync"):
+        envs = make(mode, layout=layout)
+        envs.reset(seed=0, options={"position": [1.6, 1.0]})
+        push = np.zeros((NUM_ENVS, 4))
+        push[0] = [1, 0, 0, 1]
+        flights.append([envs.step(push) for _ in range(6)])
+        inner = [env.unwrapped for env in envs.envs]
+        assert [env.layout == layout.opened for env in inner] == [True, False, False]
+    for own, expected in zip(*flights, strict=True):
+        for part, reference in zip(own, expected, strict=True):
+            assert_equal(part, reference)

@@ -419,3 +419,21 @@ def test_a_copy_of_a_wrapped_environment_goes_on_as_the_original(copied: Callabl
     np.testing.assert_array_equal(env.render(), other.render())
     other.close()
     env.render()
+
+
+def test_a_door_that_has_opened_is_not_there() -> None:
+    """In layout, view and picture; a reset closes it, and a copy has what the original has."""
+    env = VehicleEnv(world((1.5, 1.0, 0.3, "door"), (1.5, 0.6, 0.05, "key")), render_mode="rgb_array")
+    start = {"position": [1.3, 0.6]}
+    observation, _ = env.reset(seed=0, options=start)
+    closed, before = env.layout, env.render()
+    assert observation["view"].any()
+    while env.layout is closed:
+        observation, *_, info = env.step(np.array([1.0, 0, 0, 1.0]))
+    assert env.layout == closed.opened == pickled(env).layout
+    np.testing.assert_array_equal(observation["view"], view(closed.opened.map, info["position"]))
+    assert before is not None
+    np.testing.assert_array_equal(env.probe([1.5, 1.0]), np.zeros((1, 11, 11)))
+    env.reset(seed=0, options=start)
+    assert env.layout == closed
+    np.testing.assert_array_equal(env.render(), before)

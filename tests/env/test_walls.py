@@ -15,9 +15,16 @@ from affmap.env.walls import Walls
 from affmap.random import generator
 from affmap.settings import ConfigError, read
 
-FILES = ("rooms", "spiral", "trap")
+FILES = ("doors", "rooms", "spiral", "trap")
 VEHICLE = Vehicle.load("vehicle", "default")
 SEEDS = 12
+LOCK: dict[str, Any] = {
+    "doors": [[[2.0, 1.0], [2.0, 2.0]]],
+    "keys": [[0.5, 0.5], [2.5, 1.5]],
+    "key_radius": 0.15,
+    "door_channel": "fog",
+    "key_channel": "force_up",
+}
 
 
 def walls(**changes: Any) -> Walls:
@@ -64,6 +71,38 @@ def test_joints_stay_joints_and_borders_borders() -> None:
     assert np.ptp(places) > 0.08
 
 
+def test_doors_are_rows_that_end_in_walls_and_keys_move_with_them() -> None:
+    """Without a shift, by hand: ten circles from the end of the wall up, that of the wall left out; then the keys."""
+    made = walls(shift=0, lock=LOCK).draw(generator(0, "w")).circles
+    mirrored = np.array([made[0].x != 1.0, made[0].y != 0.0])
+    doors, keys = made[21:31], made[31:]
+    for found, places in ((doors, [[2, 1 + 0.1 * k] for k in range(1, 11)]), (keys, LOCK["keys"])):
+        expected = np.where(mirrored, np.subtract([3.0, 2.0], places), places)
+        np.testing.assert_allclose([each.center for each in found], expected)
+    assert {each.effect for each in made[:21]} == {"obstacle"}
+    assert {(each.radius, each.effect, each.channel) for each in doors} == {(0.1, "door", "fog")}
+    assert {(each.radius, each.effect, each.channel) for each in keys} == {(0.15, "key", "force_up")}
+    moved = [walls(lock=LOCK).draw(generator(seed, "w")).circles[-2].center for seed in range(20)]
+    assert np.ptp([min(x, 3 - x) for x, _ in moved]) > 0.03
+    assert walls(lock=LOCK).effects == ["obstacle", "door", "key"] and "doors: 1, keys: 2" in repr(walls(lock=LOCK))
+
+
+def test_the_way_to_the_nearest_key_leads_away_from_the_goal() -> None:
+    """In every draw of `doors`, from all corners; and no straight line to the goal comes near a key."""
+    rules = load("doors")
+    assert isinstance(rules, Walls)
+    for seed in range(SEEDS):
+        layout = rules.draw(generator(seed, "world", 0))
+        keys = np.array([each.center for each in layout.circles if each.effect == "key"])
+        for corner in range(4):
+            start, goal = (layout.corner(index).mean(0) for index in (corner, 3 - corner))
+            assert not crossable(layout.model_copy(update={"circles": tuple(layout.obstacles)}), VEHICLE, start, goal)
+            nearest = keys[np.linalg.norm(keys - start, axis=1).argmin()]
+            assert np.linalg.norm(nearest - goal) > np.linalg.norm(start - goal) + 0.1
+            line = np.linspace(start, goal, 50)[:, None]
+            assert np.linalg.norm(line - keys, axis=-1).min() > 0.4
+
+
 def test_a_draw_depends_on_its_generator_alone() -> None:
     one, same, other = (walls().draw(generator(seed, "w")) for seed in (1, 1, 2))
     assert one == same != other
@@ -89,6 +128,11 @@ def test_an_environment_flies_in_them() -> None:
         ({"radius": 0.001}, "radius = 0.001 is too small for walls of"),
         ({"radius": 0}, "greater than 0"),
         ({"shift": -1}, "greater than or equal to 0"),
+        ({"lock": LOCK | {"door_channel": "moon"}}, "door_channel = 'moon' is not one of channels"),
+        ({"lock": LOCK | {"key_channel": "moon"}}, "key_channel = 'moon' is not one of channels"),
+        ({"lock": LOCK | {"keys": [[0.01, 1.0]]}}, "lock has the corner [0.01, 1.0]"),
+        ({"lock": LOCK | {"keys": []}}, "lock.keys"),
+        ({"lock": LOCK | {"key_radius": 0}}, "greater than 0"),
     ],
 )
 def test_bad_rules_are_named(changes: dict[str, Any], problem: str) -> None:

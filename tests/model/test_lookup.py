@@ -226,6 +226,27 @@ def test_problems_in_worlds_of_their_own_are_each_alone(settings: LookupSettings
 
 
 @pytest.mark.parametrize("settings", [EXACT, COARSE])
+@pytest.mark.parametrize("num_worlds", [1, 3, 6])
+def test_two_look_ups_are_merged_world_by_world(settings: LookupSettings, num_worlds: int) -> None:
+    """Six problems of three members, from shared worlds and their own: each has the codes of its own look-up."""
+    first, second = (
+        make_lookup(
+            settings, stack(*SEEDS), [VisibleLayout((3.0, 2.0), 1, 0, ((x + n / 9, 1.0, 0.3, 0),)) for n in each]
+        )
+        for x, each in ((0.5, range(num_worlds)), (2.0, range(num_worlds)))
+    )
+    from_second = [True, False, False, True, True, False]
+    positions = places(3, 10, margin=0.2)
+    merged = first.merged(second, from_second)
+    expected = torch.where(
+        torch.tensor(from_second).view(3, 2).repeat_interleave(5, 1)[..., None], second(positions), first(positions)
+    )
+    torch.testing.assert_close(merged(positions), expected)
+    assert type(merged) is type(first) and len(merged.worlds) == 6
+    assert merged.worlds[0] == second.worlds[0] and merged.worlds[-1] == first.worlds[-1]
+
+
+@pytest.mark.parametrize("settings", [EXACT, COARSE])
 def test_without_a_context_codes_are_empty(settings: LookupSettings) -> None:
     lookup = make_lookup(settings, stack(4, 5, context_size=0), [WORLD])
     assert lookup(places(2, 3, 4)).shape == (2, 3, 4, 0)

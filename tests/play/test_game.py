@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from affmap.env.layout import Layout
 from affmap.play.game import Game
 from affmap.settings import ConfigError, folder
 
@@ -149,3 +150,34 @@ def test_walls_can_be_played() -> None:
     """The world that member 0 flies in first."""
     game = Game("exp5", "spiral")
     assert game.layout.name == "spiral" and len(game.layout.circles) > 50
+
+
+def test_doors_open_and_close_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With models of other worlds that have as many channels: by hand over the key, then the agent; then a restart."""
+    layout = Layout.load(
+        "layout",
+        "original",
+        circles=[
+            {"center": [1.5, 1.0], "radius": 0.3, "effect": "door", "channel": "solid"},
+            {"center": [0.8, 0.2], "radius": 0.1, "effect": "key", "channel": "solid"},
+        ],
+    )
+    monkeypatch.setattr("affmap.play.game.first_layout", lambda *names, **seeds: layout)
+    game = Game("exp1")
+    game.change(guide="time_to_go")
+    game.step()
+    ground, number = game.ground, game.circle_at((1.5, 1.0))
+    assert ground is not None and number == 0 and game.way is not None
+    game.env.reset(seed=0, options={"position": [0.6, 0.2], "goal": [2.5, 1.5]})
+    game.by_hand, game.throttles = True, np.array([1.0, 0, 0, 1])
+    for _ in range(5):
+        game.step()
+    assert game.env.layout == layout.opened and game.circle_at((1.5, 1.0)) is None
+    assert game.ground is not None and (game.ground != ground).any()
+    game.by_hand = False
+    game.step()
+    assert game.way is not None
+    game.reset()
+    assert game.env.layout == layout and game.circle_at((1.5, 1.0)) == number
+    assert game.ground is not None
+    np.testing.assert_allclose(game.ground, ground)

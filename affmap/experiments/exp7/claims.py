@@ -1,6 +1,6 @@
 """The claims of Experiment VII, beyond the horizon. They are not the paper's, which names the limit that they test."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -12,7 +12,6 @@ from affmap.results.claims import Claim, Criterion, Pair
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.setting import LAYOUT, make_factor
-from affmap.results.statistics import Outcome
 from affmap.results.tables import Results, score_matrix
 
 LOOKAHEAD = make_factor("lookahead")
@@ -33,38 +32,37 @@ STUCK, ARRIVES = 0.3, 0.95
 MARGIN = 0.03
 """Loss of success in easy worlds that would not matter: three runs of a hundred."""
 
-Shares = Callable[[pd.DataFrame], Outcome]
-"""A test of the runs of an agent in a layout."""
 
-
-def _select(results: Results, agent: str, layout: str) -> pd.DataFrame:
+def select(results: Results, agent: str, layout: str) -> pd.DataFrame:
     """Runs of an agent in a layout."""
     runs = claims.select_runs(results, layout)
     return runs[runs[LOOKAHEAD.column] == agent] if LOOKAHEAD.column in runs else runs.iloc[:0]
 
 
-def _shares(runs: pd.DataFrame) -> pd.Series:
+def shares(runs: pd.DataFrame) -> pd.Series:
     """Share of successful runs of each member."""
     return score_matrix(runs, "success").iloc[:, 0].astype(float) if len(runs) else pd.Series(dtype=float)
 
 
-def _stuck(results: Results) -> list[Criterion]:
+def stuck(results: Results, layouts: Sequence[str], agents: Sequence[str]) -> list[Criterion]:
+    """Test that fewer than `STUCK` of the runs of greedy agents succeed in some layouts."""
     criteria = []
-    for layout in DEAD_ENDS:
-        for agent in GREEDY:
-            outcome = statistics.below(_shares(_select(results, agent, layout)), STUCK)
+    for layout in layouts:
+        for agent in agents:
+            outcome = statistics.below(shares(select(results, agent, layout)), STUCK)
             steps = agent.removeprefix("horizon_")
             says = f"{layout}: fewer than {STUCK:g} of the runs succeed with a horizon of {steps} steps."
             criteria.append(Criterion(f"{layout}, {steps}", "share", METRICS["success"].unit, outcome, says))
     return criteria
 
 
-def _arrives(results: Results) -> list[Criterion]:
+def arrives(results: Results, layouts: Sequence[str], level: float) -> list[Criterion]:
+    """Test that at least `level` of the runs of agents with a map succeed in some layouts."""
     criteria = []
-    for layout in DEAD_ENDS:
-        runs = _select(results, GUIDED, layout)
-        outcome = statistics.at_least(_shares(runs), ARRIVES)
-        says = f"{layout}: at least {ARRIVES:g} of the runs succeed."
+    for layout in layouts:
+        runs = select(results, GUIDED, layout)
+        outcome = statistics.at_least(shares(runs), level)
+        says = f"{layout}: at least {level:g} of the runs succeed."
         criteria.append(
             Criterion(
                 layout, "share", METRICS["success"].unit, claims.with_note(outcome, _times(results, layout)), says
@@ -79,7 +77,7 @@ def _times(results: Results, layout: str) -> list[str]:
     if not settings:
         return []
     paths, vehicle = results.trajectories(settings[0]), results.vehicle(settings[0])
-    steps = _select(results, GUIDED, layout)["steps_to_reach"].dropna()
+    steps = select(results, GUIDED, layout)["steps_to_reach"].dropna()
     places = zip(results.run_layouts(settings[0]), paths.position[:, 0], paths.goal, strict=True)
     least = [way_length(world, vehicle.radius, start, goal) / vehicle.top_speed for world, start, goal in places]
     arrived = f"median time {number(float(steps.median()), 0)} steps, " if len(steps) else ""
@@ -90,7 +88,7 @@ def _beats(results: Results, layouts: tuple[str, ...], than: tuple[str, ...]) ->
     criteria = []
     for layout in layouts:
         for agent in than:
-            runs = pd.concat([_select(results, each, layout) for each in (GUIDED, agent)])
+            runs = pd.concat([select(results, each, layout) for each in (GUIDED, agent)])
             outcome = claims.paired(runs, "success", Pair(LOOKAHEAD.column, GUIDED, agent), "higher")
             steps = agent.removeprefix("horizon_")
             says = f"{layout}: more runs succeed than with a horizon of {steps} steps."
@@ -101,7 +99,7 @@ def _beats(results: Results, layouts: tuple[str, ...], than: tuple[str, ...]) ->
 
 def _not_worse(results: Results) -> list[Criterion]:
     """Test that the lower end of the interval of the difference is above the margin."""
-    guided, greedy = (_shares(_select(results, agent, EASY)) for agent in (GUIDED, GREEDY[0]))
+    guided, greedy = (shares(select(results, agent, EASY)) for agent in (GUIDED, GREEDY[0]))
     difference = (guided - greedy).to_numpy(float) if len(guided) and len(greedy) else np.empty(0)
     outcome = statistics.at_least(difference, -MARGIN)
     note = f"{number(guided.mean())} against {number(greedy.mean())}" if len(difference) else ""
@@ -113,9 +111,13 @@ CLAIMS = (
     Claim(
         "VII-1",
         f"Greedy agents are stuck in dead ends: fewer than {STUCK:g} of their runs succeed, with any horizon.",
-        _stuck,
+        partial(stuck, layouts=DEAD_ENDS, agents=GREEDY),
     ),
-    Claim("VII-2", f"With a map of times to go, at least {ARRIVES:g} of the runs succeed there.", _arrives),
+    Claim(
+        "VII-2",
+        f"With a map of times to go, at least {ARRIVES:g} of the runs succeed there.",
+        partial(arrives, layouts=DEAD_ENDS, level=ARRIVES),
+    ),
     Claim(
         "VII-3",
         "In dead ends, the map brings more runs to the goal than a horizon four times as long.",

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 
+from affmap.env.effects import INERT, SOLID
 from affmap.env.layout import Layout
 from affmap.report.drawing import arena
 from affmap.report.drawing.colors import readable
@@ -52,9 +53,7 @@ def shown_worlds(results: Results, settings: ReportSettings) -> dict[str, Layout
 
 
 def _caption(worlds: Collection[Layout]) -> str:
-    acts = {
-        world.acts for world in worlds if any(circle.effect not in ("obstacle", "none") for circle in world.circles)
-    }
+    acts = {world.acts for world in worlds if any(circle.effect not in SOLID | INERT for circle in world.circles)}
     where = {"center": "when its centre is inside them", "rim": "as soon as it overlaps them"}
     terrains = f" Fog and force fields act on it {' or '.join(where[each] for each in sorted(acts))}." if acts else ""
     return (

@@ -20,7 +20,6 @@ from affmap.results.examples import first_member, middle_runs
 from affmap.results.files import Floats
 from affmap.results.setting import ALWAYS, CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings, Setting
 from affmap.results.tables import Results
-from affmap.view import view
 
 MAX_RUNS = 24
 """Runs of a page; with more settings than that, one run each."""
@@ -116,7 +115,7 @@ def _runs(
                 "touching": pack_bits(paths.touching[index]),
                 "in_fog": pack_bits(paths.in_fog[index]),
                 "reached": pack_bits(paths.reached[index]),
-                "view": pack_bits(view(world.map, path)),
+                "view": pack_bits(world.views(path)),
                 **_code(job, codes_along(results, job, member, path, world)),
             }
         )

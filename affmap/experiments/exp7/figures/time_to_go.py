@@ -33,7 +33,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     for (upper, lower), layout in zip(grid.T, layouts, strict=True):
         flown = {names[each.values.get(LOOKAHEAD.key, "")]: each for each in results.where({LAYOUT.key: layout})}
         setting = flown.get(names.get(GUIDED, ""), next(iter(flown.values())))
-        agent, goal = _agent(results, setting), results.trajectories(setting).goal[PROBLEM]
+        agent, goal = agent_of_run(results, setting), results.trajectories(setting).goal[PROBLEM]
         if agent.stack.context_size > 0:
             with limited(1):
                 time_to_go(agent, goal, ax=upper)
@@ -47,7 +47,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     return Drawn(figure, _caption(results, "; ".join(stories)))
 
 
-def _agent(results: Results, setting: Setting) -> Agent:
+def agent_of_run(results: Results, setting: Setting) -> Agent:
     """The first member of a setting, in the world of the run that is shown."""
     world, config = results.run_layouts(setting)[PROBLEM], results.provenance[setting.control[0]]["config"]
     member, folder = int(results.trajectories(setting).member[PROBLEM]), setting.train[0]

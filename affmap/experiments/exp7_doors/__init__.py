@@ -1,0 +1,1 @@
+"""Experiment VII, keys and doors."""
