@@ -587,7 +587,7 @@ def test_the_reference_s_models_are_found() -> None:
         8: "5a58f256b5c01453",
     }
     kept = {path.name for path in (CONF.parent / "runs/reference/store/train").iterdir()}
-    experiments = ("exp1", "exp2", "exp3", "exp3_growth", "exp4", "exp5", "exp6", "exp6_radii", "exp7")
+    experiments = ("exp1", "exp2", "exp3", "exp3_growth", "exp4", "exp5", "exp6", "exp6_radii", "exp7", "exp7_doors")
     assert {TRAIN.of(job).digest for name in experiments for job in jobs(name, "full")} == kept
 
 
