@@ -32,6 +32,7 @@ CLAIMS = {
     "exp4": ("IV", range(1, 5), 1 * 2),
     "exp5": ("V", range(1, 6), 2 * 2),
     "exp6": ("VI", range(1, 10), 5 * 4),
+    "exp6_radii": ("VI", range(10, 20), 5 * 3),
     "exp7": ("VII", range(1, 6), 5 * 4),
     "exp7_doors": ("VII", range(6, 9), 3),
 }
@@ -101,12 +102,12 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 
 def test_nothing_is_computed_twice(place: Path) -> None:
     """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
-    with V's data, VII none, and its doors one."""
+    with V's data and five, two of them with these data, VII none, and its doors one."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")
     }
-    assert len(kept["data"]) == 5 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 0 + 1
+    assert len(kept["data"]) == 6 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 5 + 0 + 1
 
 
 @pytest.fixture(scope="module")

@@ -580,3 +580,27 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
     )
     assert "in {} of the traps, {} of the rooms and {} of the spirals".format(*guided) in text
     assert "without it in {}, {} and {}.".format(*greedy) in text
+    hard, crowded = (
+        [
+            percent("exp6_radii", model, f"procedural_{layout}", "learner")
+            for model in ("mlp_one_radius", "mlp", "split")
+        ]
+        for layout in ("hard", "crowded_hard")
+    )
+    assert f"the paper's model succeeds in {hard[1]} of the hard runs instead of {hard[0]}" in text
+    assert f"lost in crowded worlds: {crowded[1]}, and {crowded[2]} with blocks" in text
+    opened, closed = (percent("exp7_doors", agent, "doors", "lookahead") for agent in ("time_to_go", "horizon_80"))
+    assert f"With the map {opened} of the runs succeed, without it {closed}" in text
+    results, baselines = page("docs/results.md"), pd.read_csv(ROOT / "runs/reference/exp6_radii/tables/baselines.csv")
+    seen = baselines.query("planner == 'seen' and layout == 'procedural_crowded_hard'")["success"].mean()
+    assert f"succeeds in {100 * seen:.0f} % of the runs, and so do models with blocks" in results
+    assert crowded[2] == percent("exp6_radii", "given", "procedural_crowded_hard", "learner") == f"{100 * seen:.0f} %"
+    verdicts = [
+        verdict
+        for name in ("exp6", "exp6_radii", "exp7", "exp7_doors")
+        for verdict in pd.read_csv(ROOT / f"runs/reference/{name}/tables/claims.csv")
+        .groupby("claim")["verdict"]
+        .first()
+    ]
+    told = [verdicts.count(each) for each in ("holds", "does not hold", "not decided")]
+    assert f"Of their {sum(told)} claims {told[0]} hold, {told[1]} do not hold, and {told[2]} are not decided." in text

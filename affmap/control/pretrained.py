@@ -43,7 +43,7 @@ def load(
 
     Args:
         source: the folder of an experiment's report, such as `runs/exp1`, with its store beside it; or the name of an
-            experiment of the reference run, `exp1` to `exp7` (an installed package has only a part of it); or the
+            experiment of the reference run, such as `exp5` (an installed package has only a part of it); or the
             folder of an agent that was saved (`Agent.save`).
         context_size: C, of those that the experiment has, by default 8; that of a saved agent.
         members: seeds of the members to load, of M; by default the first of an experiment, and all of a saved agent.
@@ -51,7 +51,8 @@ def load(
             `{"num_iterations": 5}`, which is that of the first job, or a saved agent's own.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.) A saved agent can be brought into any layout.
-        transition: the transition model, such as `gru`, of those that the experiment has; by default the first.
+        transition: the transition model, such as `gru`, of those that the experiment has, or the name of how it learns
+            (`conf/learner`); by default the first.
         threads: of PyTorch, for the affordance map.
 
     Raises:
@@ -240,9 +241,10 @@ def _job(
 
 
 def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
-    """Name by which a sweep chose a setting's transition models; their kind where it had no choice."""
-    if name := job.get(make_factor("model.transition").column):
-        return str(name)
+    """Name by which a sweep chose a setting's transition models, or how they learn; their kind if it had no choice."""
+    for key in ("model.transition", "learner"):
+        if name := job.get(make_factor(key).column):
+            return str(name)
     values = provenance.config_of(record, job["train"][0])["model"]
     return ModelSettings.checked(values, "the configuration of the models").transition.kind
 

@@ -63,10 +63,20 @@ def test_in_random_worlds_it_is_in_the_first_that_its_member_flew_in() -> None:
 
 def test_everything_of_the_reference_run_can_be_flown() -> None:
     """Each experiment, each context size; beyond the paper, C is 8."""
-    assert pretrained.experiments() == ["exp1", "exp2", "exp3", "exp4", "exp5", "exp6", "exp7"]
+    assert pretrained.experiments() == [
+        "exp1",
+        "exp2",
+        "exp3",
+        "exp4",
+        "exp5",
+        "exp6",
+        "exp6_radii",
+        "exp7",
+        "exp7_doors",
+    ]
     for name in pretrained.experiments():
         origin = pretrained.origin(name)
-        assert ({8} if name in ("exp6", "exp7") else {0, 1, 3, 5, 8}) <= set(origin.context_sizes)
+        assert ({8} if name[:4] in ("exp6", "exp7") else {0, 1, 3, 5, 8}) <= set(origin.context_sizes)
         for size in origin.context_sizes:
             agent = affmap.load(name, context_size=size)
             assert (agent.stack.context_size, agent.stack.num_channels) == (size, len(origin.channels))
@@ -80,6 +90,12 @@ def test_transition_models_have_the_names_by_which_the_sweep_chose_them() -> Non
         assert vision is not None and vision.encoder == encoder
     with pytest.raises(ConfigError, match=r"has the transition models mlp, hyper, .*; none is 'gru'"):
         affmap.load("exp6", transition="gru")
+    for name, encoder in (("mlp", "plain"), ("split_one_radius", "centered"), ("given", "channels")):
+        assert affmap.load("exp6_radii", transition=name, members=(301,)).stack.vision.encoder == encoder
+    with pytest.raises(
+        ConfigError, match=r"has the transition models mlp_one_radius, mlp, .*; none is 'split_channels'"
+    ):
+        affmap.load("exp6_radii", transition="split_channels")
 
 
 def test_what_comes_with_the_package_can_be_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,7 +153,10 @@ def test_an_agent_of_a_run_flies_what_the_run_has_recorded(ran: Path) -> None:
 
 def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
-        ({"source": "exp9"}, r"^exp9 does not exist, and is none of .* exp1, exp2, exp3, exp4, exp5, exp6, exp7\.$"),
+        (
+            {"source": "exp9"},
+            r"^exp9 does not exist, and is none of .* exp1, exp2, exp3, exp4, exp5, exp6, exp6_radii, exp7, exp7_doors\.$",
+        ),
         ({"source": "./nothing"}, r"^\./nothing does not exist, and is none of"),
         ({"source": ran}, "is neither the folder of an experiment's report, nor that of a saved agent, nor one of"),
         ({"source": ""}, r"^source = '' is not allowed; give a folder, or the name of an experiment"),
