@@ -18,13 +18,13 @@ from affmap.model.palette import Palette
 from affmap.report import figures, painted
 from affmap.report.drawing import arena, files, losses, numbers
 from affmap.report.drawing import failures as panels
-from affmap.report.drawing.colors import Groups, make_groups
+from affmap.report.drawing.colors import Groups, make_groups, names_of
 from affmap.report.figures import exploration
 from affmap.report.figures import results as main_results
 from affmap.report.figures import world as world_figure
 from affmap.results import examples, failures
 from affmap.results.files import Trajectories
-from affmap.results.setting import Factor, ReportSettings, Setting
+from affmap.results.setting import CONTEXT_SIZE, Factor, ReportSettings, Setting, make_factor
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -383,6 +383,14 @@ def test_groups_have_names_and_colours_of_their_own(results: dict[str, Results])
     other = replace(first, values={**first.values, "planner": "gradient"})
     with pytest.raises(ConfigError, match=r"context_size on the x axis and \w+ by colour, .* several values of "):
         Results((*results["exp2"].settings, other)).check_factors()
+
+
+def test_a_name_beside_others_lacks_the_symbol_as_they_do() -> None:
+    """A model of one's own, beside models with names; alone, the symbol says its key."""
+    transition, settings = make_factor("model.transition"), ReportSettings.load("report", "default")
+    assert [*names_of(transition, ["mlp", "my_linear"], settings).values()] == ["MLP", "my linear"]
+    assert [*names_of(transition, ["my_linear"], settings).values()] == ["transition = my_linear"]
+    assert [*names_of(CONTEXT_SIZE, [0, 8], settings).values()] == ["C = 0", "C = 8"]
 
 
 def test_half_way_is_the_first_step_with_half_of_the_distance_left() -> None:

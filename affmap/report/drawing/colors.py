@@ -45,9 +45,9 @@ class Groups(NamedTuple):
 def make_groups(results: Results, settings: ReportSettings) -> Groups:
     """Groups of a report's runs, by the values of its second factor."""
     factor, values = results.color, results.color_values
-    names = {value: name_of(factor, value, settings) for value in values}
+    names = names_of(factor, values, settings)
     x, x_values = results.x, results.x_values
-    x_names = {value: name_of(x, value, settings) for value in x_values} if isinstance(x_values[0], str) else {}
+    x_names = names_of(x, x_values, settings) if isinstance(x_values[0], str) else {}
     return Groups(factor.column, names, group_colors(names), x, x_names)
 
 
@@ -63,6 +63,16 @@ def group_colors(names: Mapping[Value, str]) -> dict[str, str]:
 def name_of(factor: Factor, value: Value, settings: ReportSettings) -> str:
     """Name of a value for readers: that of the settings for planners and layouts, else the value with its symbol."""
     return settings.names.get(str(value), factor.format(value))
+
+
+def names_of(factor: Factor, values: Iterable[Value], settings: ReportSettings) -> dict[Value, str]:
+    """Names of values for readers, see `name_of`; beside a name of the settings, another one lacks the symbol, too."""
+    values = list(values)
+    named = any(str(value) in settings.names for value in values)
+    return {
+        value: readable(value, settings) if named and isinstance(value, str) else name_of(factor, value, settings)
+        for value in values
+    }
 
 
 def readable(value: str, settings: ReportSettings) -> str:
