@@ -16,6 +16,9 @@ from affmap.results.tables import Results
 GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol; distinguishable in this order
 
 
+NAME_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")  # Okabe and Ito's
+"""Of curves of names on the x axis; other ones than those of groups, which stand beside them."""
+
 NUMBERS: Mapping[Value, str] = MappingProxyType({})
 """Names of values on an axis that are numbers, and need none."""
 
@@ -81,10 +84,15 @@ def readable(value: str, settings: ReportSettings) -> str:
 
 
 def x_colors(factor: Factor, values: Iterable[Value]) -> dict[Value, str]:
-    """Value on the x axis -> colour of its curve; context sizes have the same colours in every report."""
+    """Value on the x axis -> colour of its curve; context sizes have the same colours in every report.
+
+    Numbers have the colours of a scale, and names distinct ones, as far as these go.
+    """
     values = list(values)
     if factor == CONTEXT_SIZE:
         return {value: context_color(int(value)) for value in values}
+    if isinstance(values[0], str) and len(values) <= len(NAME_COLORS):
+        return dict(zip(values, NAME_COLORS, strict=False))
     places = np.linspace(0.0, 0.9, len(values))
     return {value: to_hex(mpl.colormaps["viridis"](place)) for value, place in zip(values, places, strict=True)}
 
