@@ -18,6 +18,7 @@ import affmap
 import affmap.env
 from affmap.control import HalfOracle, Oracle
 from affmap.env.procedural import Procedural, load
+from affmap.model.registry import GRUSettings
 from affmap.random import generator
 from hydra_plugins.hyperopt_sweeper.hyperopt_sweeper import HyperoptConf
 
@@ -125,6 +126,9 @@ def test_objects_introduce_themselves_in_a_line() -> None:
     assert repr(affmap.ExactLookup(stack, [world.map, empty.map])) == "ExactLookup(2 worlds)"
     assert repr(lookup) == "AffordanceMap(2 maps of 7 x 5 nodes 0.5 u apart, C = 3)"
     assert repr(agent) == f"Agent(2 members, C = 3, CEMPlanner, {lookup})"
+    gru = affmap.Stack(affmap.ModelSettings(context_size=3, transition=GRUSettings()), 4, (0,))
+    recurrent = affmap.Agent(gru, affmap.ExactLookup(gru, [world.map]), agent.planner, agent.settings)
+    assert repr(recurrent) == "Agent(1 member, C = 3, gru, CEMPlanner, ExactLookup(1 world))"
     assert repr(oracle) == "Oracle(CEMPlanner, 1 world)"
     assert repr(half) == f"HalfOracle(true mean, {agent})"
     assert repr(affmap.Pilot(oracle, world, seed=3)) == f"Pilot({oracle}, seed 3)"

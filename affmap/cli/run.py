@@ -20,7 +20,7 @@ from affmap.cli.app import MULTIRUN, SweepError, command, flags, read_jobs, read
 from affmap.cli.processes import end_with_parent, interruption, sigint_spares_workers, sigterm_ends_process
 from affmap.config.compose import compose, num_workers, runs_here
 from affmap.config.notes import expand_folder, write_note
-from affmap.config.overrides import is_sweep, keys, without_sweeps
+from affmap.config.overrides import is_sweep, keys, parse, without_sweeps
 from affmap.config.root import Config, plain
 from affmap.config.search import IRRELEVANT, OtherSearch, Search
 from affmap.config.sweep import Sweep
@@ -64,8 +64,15 @@ def main() -> None:
 
 
 def _check(arguments: list[str]) -> None:
-    """Validate a configuration before Hydra prints it."""
-    read_sweep([argument for argument in arguments if "=" in argument])  # others belong to a flag
+    """Validate a configuration before Hydra prints it.
+
+    Raises:
+        ConfigError: a value is not allowed; or there are several of one key, which Hydra cannot print.
+    """
+    overrides = [argument for argument in arguments if "=" in argument]  # others belong to a flag
+    read_sweep(overrides)
+    if swept := [each for each in parse(overrides) if each.is_sweep_override()]:
+        raise ConfigError(f"--cfg shows a single job, and {swept[0].input_line} makes several; give one value.")
 
 
 def _run(arguments: list[str]) -> None:

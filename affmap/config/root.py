@@ -206,6 +206,16 @@ class Config(Settings):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_codes(self) -> Self:
+        code, size, channels = self.model.code, self.model.context_size, len(self.channels)
+        if code.encoder == "channels" and 0 < size < channels:
+            raise ValueError(
+                f"model.context_size = {size} leaves none of the code for some of {channels} channels, which "
+                f"encoder = 'channels' gives units of their own; make it {channels} or more."
+            )
+        return self
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the K channels of a view."""

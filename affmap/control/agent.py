@@ -29,6 +29,7 @@ from affmap.lazy import notebook
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import Lookup
+from affmap.model.registry import MLP_SETTINGS
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
@@ -76,7 +77,9 @@ class Agent(PlanningAgent):
 
     def __repr__(self) -> str:
         members, size = counted(len(self.seeds), "member"), self.stack.context_size
-        return f"Agent({members}, C = {size}, {type(self.planner).__name__}, {self.lookup!r})"
+        kind = self.stack.settings.transition.kind
+        kind = "" if kind == MLP_SETTINGS.kind else f"{kind}, "
+        return f"Agent({members}, C = {size}, {kind}{type(self.planner).__name__}, {self.lookup!r})"
 
     @property
     def seeds(self) -> tuple[int, ...]:

@@ -1,11 +1,16 @@
 """Settings of control, in a module without torch, which takes seconds to import."""
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field
 
 from affmap.settings import Count, Length, Neutral, NonNegative, Positive, Settings, preset
+
+Guide = Literal["none", "time_to_go"]
+"""Where an agent that plans has its sub-goals from."""
+
+GUIDES: tuple[Guide, ...] = get_args(Guide)
 
 
 def _check_device(device: str) -> str:
@@ -31,7 +36,7 @@ class ControlSettings(Settings, defaults="control/default"):
     """Distance to the goal below which it is near, u."""
     goal_radius: Length = preset()
     """Distance to the goal below which it is reached, u."""
-    guide: Annotated[Literal["none", "time_to_go"], Neutral("none")] = preset()
+    guide: Annotated[Guide, Neutral("none")] = preset()
     """Sub-goals of an agent that plans: none, or points ahead on the shortest way by its own imagination."""
     guide_spacing: Annotated[Length, Neutral(0.1), Field(ge=0.02)] = preset()
     """Largest distance between neighbouring nodes of the map of times to go, u."""

@@ -137,11 +137,24 @@ class TimeToGo:
         return ends
 
     def paths(self, positions: ArrayLike, is_open: Mask | None = None) -> list[Floats]:
-        """Shortest paths from `positions` `[B, 2]` (u): B arrays `[points, 2]`, u; of one point if there is none.
+        """Shortest paths from `positions` `[B, 2]` or, for all B, `[2]` (u).
 
         A path may lead over a key and on through its door; `is_open` as in `subgoals`.
+
+        Returns:
+            B arrays `[points, 2]`, u; of one point where there is no way.
+
+        Raises:
+            ConfigError: the positions have another shape, or lie outside the arena.
         """
-        points = np.asarray(positions, float)
+        number = len(self.goals)
+        points = _points("positions", positions, (self.x[[0, -1]].sum(), self.y[[0, -1]].sum()))  # equal margins
+        points = np.broadcast_to(points, (number, 2)) if points.shape == (2,) else points
+        if points.shape != (number, 2):
+            raise ConfigError(
+                f"positions has the shape {list(points.shape)}; give one for all, [2], or one for each of {number} "
+                "goals, [B, 2]."
+            )
         paths = [[point] for point in points]
         for _, after, still in self._legs(points):
             for path, point, goes_on in zip(paths, after, still, strict=True):
@@ -249,16 +262,13 @@ def _goals(goals: ArrayLike, num_members: int, size: tuple[float, float]) -> Flo
     Raises:
         ConfigError: see `TimeToGo.imagine`.
     """
-    points = np.asarray(goals, float)
+    points = _points("goals", goals, size)
     points = np.broadcast_to(points, (num_members, 2)) if points.shape == (2,) else points
     if points.ndim != 2 or points.shape[1:] != (2,) or not len(points) or len(points) % num_members:
         raise ConfigError(
             f"goals has the shape {list(points.shape)}; give one for all, [2], or the same number for each of "
             f"{num_members} members, [B, 2]."
         )
-    outside = ~((points >= 0) & (points <= np.array(size))).all(-1)
-    if outside.any():
-        raise ConfigError(f"goals: {points[outside][0].tolist()} is outside the arena {list(size)} (u).")
     return points.copy()
 
 
@@ -271,6 +281,28 @@ def _key_nodes(worlds: Sequence[VisibleLayout], number: int, x: Floats, y: Float
             distance = np.linalg.norm(nodes - center, axis=-1)
             own |= (distance <= max(radius / 2, distance.min())) & (distance < radius)
     return inside.repeat(number // len(worlds), axis=0)
+
+
+def _points(name: str, given: ArrayLike, size: tuple[float, float]) -> Floats:
+    """Points of an arena as an array, `[..., 2]` or of another shape.
+
+    Raises:
+        ConfigError: they are no numbers, or one lies outside the arena.
+    """
+    try:
+        points = np.asarray(given, float)
+    except (TypeError, ValueError):  # rows of several lengths, or no numbers
+        raise ConfigError(
+            f"{name} = {format_value(given)} is not allowed; give points, such as [[0.2, 0.2]]."
+        ) from None
+    if points.shape[-1:] == (2,):
+        outside = ~((points >= 0) & (points <= np.array(size) + 1e-9)).all(-1)
+        if outside.any():
+            point = points.reshape(-1, 2)[outside.ravel()][0]
+            raise ConfigError(
+                f"{name}: {point.tolist()} is outside the arena {[round(float(side), 6) for side in size]} (u)."
+            )
+    return points
 
 
 def _nodes(side: float, spacing: float) -> Floats:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from pydantic import PlainValidator
 
-from affmap.settings import Count, Neutral, NonNegative, Settings, preset
+from affmap.settings import Count, Neutral, NonNegative, Settings, names, preset
 from affmap.settings.registry import Registry, S
 
 if TYPE_CHECKING:  # torch takes seconds to import
@@ -62,7 +62,8 @@ class CodeSettings(Settings):
     """Codes of views: plain, as in the paper; centered, less the code of the empty view; or channels, each channel
     encoded by itself into units of its own."""
     paste: Annotated[NonNegative, Neutral(0.0)] = preset()
-    """Weight of the condition that the code of two views laid over each other is the sum of their codes."""
+    """Weight of the condition that the code of two views laid over each other is the sum of their codes. Only views
+    that fill different channels are laid over each other, so it does nothing where all worlds fill the same one."""
     effect_std: Annotated[NonNegative, Neutral(0.0)] = preset()
     """Standard deviation of a Gaussian prior on the effect of a code on the mean, u/step; 0 for no prior."""
     penalty: Annotated[NonNegative, Neutral(0.0)] = preset()
@@ -144,7 +145,10 @@ class HyperSettings(CodeSettings, defaults="model/transition/hyper"):
 
 def _choose(values: Any) -> Any:
     if isinstance(values, str):
-        raise ValueError("should be the keys of a file of conf/model/transition; choose one by model/transition=gru")
+        example = values if values in names("model/transition") else "gru"
+        raise ValueError(
+            f"should be the keys of a file of conf/model/transition; choose one by model/transition={example}"
+        )
     return _registry.choose(values)
 
 

@@ -1,6 +1,7 @@
 """The game: a layout, a vehicle, an agent, and everything that the player may change. Knows no pixels and no keys."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache, lru_cache
 from itertools import count
 from typing import NamedTuple
@@ -11,16 +12,17 @@ import torch
 from affmap.control import pretrained
 from affmap.control.agent import Agent
 from affmap.control.pilot import Pilot, Thought
+from affmap.control.settings import GUIDES
 from affmap.control.time_to_go import TimeToGo
 from affmap.env.layout import Layout
-from affmap.env.procedural import Procedural, first_layout, kind
+from affmap.env.procedural import Procedural, first_layout, load
 from affmap.env.vehicle import VehicleEnv
 from affmap.model.lookup import AffordanceMap, LookupSettings, make_lookup
 from affmap.model.palette import Palette
 from affmap.model.stack import Stack
-from affmap.settings import ConfigError, names, read
+from affmap.settings import ConfigError, names
 
-BETAS, LOOKUPS, GUIDES = (0.0, 1.0, 10.0, 100.0), ("map", "exact"), ("none", "time_to_go")
+BETAS, LOOKUPS = (0.0, 1.0, 10.0, 100.0), ("map", "exact")
 GROUND_SPACING = 0.04
 """Spacing of the nodes of the displayed map, u; painting takes a hundredth of a second."""
 
@@ -54,18 +56,25 @@ class Game:
         past: true positions since the last reset, `[2]` each, u.
         in_fog: whether the vehicle is in fog.
         ground: `[Y, X, 3]`, the affordance map in colours; None without a context code.
+        transition: the transition model of the agent; None for the first that the experiment has.
         message: a sentence for the player on an action that was not possible.
     """
 
-    def __init__(self, source: str = "exp1", world: str | None = None, context_size: int | None = None) -> None:
+    def __init__(
+        self,
+        source: str = "exp1",
+        world: str | None = None,
+        context_size: int | None = None,
+        transition: str | None = None,
+    ) -> None:
         """Load the models of an experiment (see `affmap.load`).
 
         Raises:
             ConfigError: there are no such models or world, or they do not fit each other.
         """
-        self.source, self.origin = source, pretrained.origin(source)
+        self.source, self.origin, self.transition = source, pretrained.origin(source), transition
         size = self.origin.context_sizes[-1] if context_size is None else context_size
-        beta = pretrained.load(source, context_size=size).settings.beta
+        beta = pretrained.load(source, context_size=size, transition=transition).settings.beta
         self.setting = Setting(size, self.origin.planner, beta, LOOKUPS[0], GUIDES[0])
         self.worlds = _worlds(self.origin.channels)
         self.planners = sorted({self.origin.planner, *names("planner")})
@@ -82,9 +91,10 @@ class Game:
         Raises:
             ConfigError: the agent cannot see it, or it does not exist.
         """
+        layout = first_layout(world, seed=0)
         if world not in self.worlds:
             raise ConfigError(f"world {world!r} is not one that these models can see: {', '.join(self.worlds)}.")
-        self.world, self.layout = world, first_layout(world, seed=0)
+        self.world, self.layout = world, layout
         self.env = VehicleEnv(self.layout, self.origin.vehicle)
         self._take_controls(new_colors=True)
         self.reset()
@@ -194,7 +204,9 @@ class Game:
 
     def _make(self, context_size: int, planner: str, lookup: str) -> Agent:
         own = planner == self.origin.planner  # then with the experiment's own settings
-        agent = pretrained.load(self.source, context_size=context_size, planner=None if own else planner)
+        agent = pretrained.load(
+            self.source, context_size=context_size, planner=None if own else planner, transition=self.transition
+        )
         agent.lookup = make_lookup(LookupSettings.load("lookup", lookup), agent.stack, [self.layout.map])
         return agent
 
@@ -207,9 +219,10 @@ class Game:
 
 def _worlds(channels: tuple[str, ...]) -> list[str]:
     """Names of the layouts with the given channels: fixed ones, and those of walls, of which there is one each."""
-    layouts = {name: read("layout", name) for name in names("layout")}
-    return [
-        name
-        for name, values in layouts.items()
-        if kind(values) is not Procedural and tuple(values["channels"]) == channels
-    ]
+    worlds = []
+    for name in names("layout"):
+        with suppress(ConfigError):  # the sentence about a broken file is for those who ask for it
+            layout = load(name)
+            if not isinstance(layout, Procedural) and layout.channels == channels:
+                worlds.append(name)
+    return worlds

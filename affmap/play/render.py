@@ -1,10 +1,10 @@
-"""The command `affmap-render`: flights of trained agents as a film, one picture for each context size, side by side."""
+"""The command `affmap-render`: flights of trained agents as a film, a picture for each kind of model, side by side."""
 
 import argparse
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,12 @@ import torch
 
 from affmap.cli.app import command
 from affmap.control.arguments import vehicle
-from affmap.control.episodes import fly
+from affmap.control.controller import Controller
+from affmap.control.episodes import bring, fly
+from affmap.control.mpc import PlanningAgent
 from affmap.control.pretrained import load, origin
+from affmap.control.settings import GUIDES
+from affmap.control.time_to_go import TimeToGo
 from affmap.env.procedural import first_layout
 from affmap.env.rendering import BLACK, WHITE, Canvas
 from affmap.env.scene import Scene
@@ -36,11 +40,13 @@ Frame = np.ndarray
 
 def film(
     source: str | Path,
-    context_sizes: Sequence[int],
+    context_sizes: Sequence[int] | None = None,
+    transitions: Sequence[str | None] = (None,),
     *,
     layout: str | None = None,
     planner: str | None = None,
-    member: int = 0,
+    guide: str | None = None,
+    member: int | None = None,
     run: int = 0,
     num_steps: int | None = None,
     with_map: bool = True,
@@ -49,33 +55,52 @@ def film(
 
     Args:
         source: source of the models, see `affmap.load`.
-        context_sizes: one picture for each.
+        context_sizes: one picture for each; by default the smallest and the largest of the models.
+        transitions: one picture for each of these transition models, of each context size; None for the first there is.
         layout: name of the world, by default that of the experiment; for rules of worlds, the member's first world.
         planner: name of a file of `conf/planner`, by default that of the experiment.
-        member: the member that flies.
+        guide: none or time_to_go, of which the way is shown, too; by default that of the experiment.
+        member: the member that flies, by default the first of the experiment.
         run: 0 to 3, the corner of the start.
         num_steps: length of the flights, by default that of the experiment's runs.
         with_map: whether the ground has the colours of the affordance map.
 
     Raises:
-        ConfigError: there are no such models, world or planner.
+        ConfigError: there are no such models, world, planner or guide.
     """
-    first = first_layout(layout or origin(source).layout, member)
+    models = origin(source)
+    sizes = sorted({*models.context_sizes[:1], *models.context_sizes[-1:]}) if context_sizes is None else context_sizes
     films = []
-    for context_size in context_sizes:
-        agent = load(source, context_size=context_size, members=[member], planner=planner)
+    for context_size, transition in product(sizes, transitions):
+        members = None if member is None else [member]
+        agent = load(source, context_size=context_size, transition=transition, members=members, planner=planner)
+        first = first_layout(layout or models.layout, agent.seeds[0])
+        if guide is not None:
+            agent.settings = agent.settings.model_copy(update={"guide": guide})
         paths = Trajectories(**fly(agent, first, steps=num_steps).trajectories)
         extras: dict[str, Any] = {"goal_radius": agent.settings.goal_radius}
         if with_map and context_size:
             codes = AffordanceMap.paint(agent.stack, [first.map], SPACING).codes[0].numpy()
             extras["ground"] = Palette.fit(codes.reshape(-1, context_size))(codes)
         title = f"context code of {context_size}" if context_size else "no context code"
+        title = f"{transition}, C = {context_size}" if transition else title
         scenes = [paths.scene(run, step, first, vehicle(agent).radius) for step in range(paths.action.shape[1])]
-        films.append(_pictures([scene._replace(**extras) for scene in scenes], title))
+        scenes = [scene._replace(**extras) for scene in scenes]
+        films.append(_pictures(_with_ways(scenes, bring(agent, first)), title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
         row = [part for picture in pictures for part in (picture, gap)]
         yield np.concatenate(row[:-1], axis=1)
+
+
+def _with_ways(scenes: Sequence[Scene], agent: Controller) -> Iterator[Scene]:
+    """Scenes of a flight with the ways and times of the map that guides the agent, if one does."""
+    made = None
+    if isinstance(agent, PlanningAgent) and agent.settings.guide != "none":
+        made = TimeToGo.imagine(agent, scenes[0].goal)
+    times = made.lines() if made else ()
+    for scene in scenes:
+        yield scene._replace(way=made.paths(scene.position)[0], times=times) if made else scene
 
 
 def _pictures(scenes: Iterable[Scene], title: str) -> Iterator[Frame]:
@@ -128,11 +153,14 @@ def main() -> None:
         "--context-size",
         type=int,
         nargs="+",
-        default=[0, 8],
-        help="units of codes, side by side (default: 0 8)",
+        help="units of codes, side by side (default: the fewest and the most there are)",
+    )
+    parser.add_argument(
+        "--transition", nargs="+", default=[None], help="transition models, side by side (default: the first there is)"
     )
     parser.add_argument("--planner", help="cem or gradient (default: that of the experiment)")
-    parser.add_argument("--member", type=int, default=0, help="which of the models (default: 0)")
+    parser.add_argument("--guide", choices=GUIDES, help="sub-goals on the way (default: those of the experiment)")
+    parser.add_argument("--member", type=int, help="which of the models (default: the first)")
     parser.add_argument("--run", type=int, default=0, choices=range(4), help="the corner to start in (default: 0)")
     parser.add_argument("--steps", type=int, help="how long it flies (default: as the experiment's runs, 200)")
     parser.add_argument("--every", type=int, default=2, help="leave out frames: one every so many steps (default: 2)")
@@ -151,8 +179,10 @@ def _render(arguments: argparse.Namespace) -> None:
     frames = film(
         arguments.source,
         arguments.context_size,
+        arguments.transition,
         layout=arguments.world,
         planner=arguments.planner,
+        guide=arguments.guide,
         member=arguments.member,
         run=arguments.run,
         num_steps=arguments.steps,

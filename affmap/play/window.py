@@ -9,11 +9,12 @@ import pygame
 import torch
 
 from affmap.cli.app import command
+from affmap.control.settings import GUIDES
 from affmap.env.body import THROTTLES
 from affmap.env.rendering import BLACK, WHITE, Canvas, open_window
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
-from affmap.play.game import BETAS, GUIDES, LOOKUPS, Game
+from affmap.play.game import BETAS, LOOKUPS, Game
 from affmap.play.parser import Parser
 from affmap.results.setting import PLANNERS
 from affmap.settings import ConfigError
@@ -275,6 +276,8 @@ def main() -> None:
     examples = "  affmap-play\n  affmap-play exp1 --world two_obstacles\n  affmap-play runs/exp1 --context-size 8"
     parser = Parser("affmap-play", purpose, examples)
     parser.add_argument("--context-size", type=int, help="units of the context code (default: the most there are)")
+    parser.add_argument("--transition", help="the transition model, such as split (default: the first there is)")
     arguments = parser.take()
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
-    command(lambda _: Window(Game(arguments.source, arguments.world, arguments.context_size)).run(), resumes=False)
+    given = arguments.source, arguments.world, arguments.context_size, arguments.transition
+    command(lambda _: Window(Game(*given)).run(), resumes=False)

@@ -167,12 +167,15 @@ def mixtures(results: Results, settings: ReportSettings) -> list[str]:
         every = set().union(*effects)
         if len(every) < 2:  # nothing is mixed
             continue
-        parts = [f"{sum(each == every for each in effects)} have all {len(every)} properties"]
+        whole = sum(each == every for each in effects)
+        parts = [f"{whole} {'has' if whole == 1 else 'have'} all {len(every)} properties"]
         foggy = np.array(["fog" in each for each in effects])
         if 0 < foggy.sum() < len(foggy):
             share = read_runs(last)["success"].to_numpy()[foggy].mean()
             at = name_of(results.x, last.values[results.x.key], settings)
-            parts.append(f"{(~foggy).sum()} have no fog (in the others {number(share)} of the runs at {at} succeed)")
+            without = (~foggy).sum()
+            others = f"in the others {number(share)} of the runs at {at} succeed"
+            parts.append(f"{without} {'has' if without == 1 else 'have'} no fog ({others})")
         sentences.append(f"Of the {len(worlds)} random worlds “{readable(layout, settings)}” {listed(parts)}.")
     return sentences
 

@@ -191,11 +191,17 @@ class Settings(BaseModel, metaclass=_SettingsType):
         return {key: _plain(value) for key, value in values.items() if key not in neutral or value != neutral[key]}
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy, in which some values are others; see pydantic."""
-        copied = super().model_copy(update=update, deep=deep)
-        for name in copied.__dict__.keys() - type(self).model_fields.keys():
-            del copied.__dict__[name]  # cached properties follow from the old values
-        return copied
+        """A copy, in which some values are others, as in `settings.model_copy(update={"beta": 10.0})`.
+
+        Raises:
+            ConfigError: a value is not allowed, or there is no such key.
+        """
+        copied = super().model_copy(deep=deep)
+        if not update:
+            return copied
+        name = f"{type(self).__name__}.model_copy"
+        values = {key: getattr(copied, key) for key in type(self).model_fields}
+        return self.checked({**values, **update}, name)
 
     def complete(self) -> dict[str, Any]:
         """Plain values of all keys, those at their neutral value included."""

@@ -849,6 +849,16 @@ def test_a_configuration_that_cannot_be_run_is_not_printed(
     assert "members = -1 is not allowed" in captured.err and captured.out == ""
 
 
+def test_several_jobs_are_not_printed_as_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Hydra's own error speaks of an ambiguous value; a sweep of the experiment is none of the line."""
+    for flags in ([], ["-m"]):
+        assert in_process(monkeypatch, "affmap", [*flags, "model.context_size=3,5", "--cfg", "job"]) == 2
+        told = "--cfg shows a single job, and model.context_size=3,5 makes several; give one value.\n"
+        assert capsys.readouterr().err == told
+
+
 def test_output_that_nobody_reads_is_no_mistake() -> None:
     """`head -1` closes the pipe after a line."""
     program = """

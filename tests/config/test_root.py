@@ -211,8 +211,9 @@ BAD: list[tuple[str, Any, str]] = [
     (
         "model.transition",
         "gru",
-        "it should be the keys of a file of conf/model/transition; choose one by model/tr",
+        "it should be the keys of a file of conf/model/transition; choose one by model/transition=gru",
     ),
+    ("model.transition", "split", "choose one by model/transition=split"),
     ("model.transition.kind", "lstm", "it should be 'additive' or 'split' or 'gru' or 'hyper' or 'mlp'"),
     ("model.transition.encoder", "none", "it should be 'plain', 'centered' or 'channels'"),
     ("model.transition.paste", -1.0, "greater than or equal to 0"),
@@ -561,6 +562,31 @@ def test_a_change_makes_those_stages_anew_that_depend_on_it(values: Values, key:
     """The table above, written from what each stage computes."""
     before, after = digests(checked(values)), digests(checked(values, **{key.replace(".", "__"): value}))
     assert {name for name in STAGES if before[name] != after[name]} == set(changed.split())
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"encoder": "channels"},
+            "model.context_size = 2 leaves none .* of 4 channels, .* 4 or more",
+        ),
+        ({"paste": 0.5}, None),
+        ({}, None),
+    ],
+)
+def test_each_channel_has_units_where_channels_are_encoded_apart(
+    values: Values, changes: Values, told: str | None
+) -> None:
+    """Four channels; without a code, and with four units, there is nothing to tell."""
+    fog = dict.fromkeys(("control_layout", "map_layout"), "training_fog") | {"training_layouts": ["training_fog"]}
+    for size in (0, 2, 4):
+        config = {**fog, "model__context_size": size, "model__transition": {"kind": "mlp", **changes}}
+        if told and size == 2:
+            with pytest.raises(ConfigError, match=told):
+                checked(values, **config)
+        else:
+            assert checked(values, **config).model.context_size == size
 
 
 def test_every_number_of_a_group_changes_the_stages_of_its_group(values: Values) -> None:

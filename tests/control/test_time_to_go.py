@@ -177,6 +177,20 @@ def test_goals_and_spacings_that_are_none_are_named() -> None:
         TimeToGo.imagine(oracle(EMPTY, guide_spacing=2.0), [1.0, 1.0])
 
 
+def test_positions_of_paths_are_checked_as_goals_are() -> None:
+    """One for all is one for each."""
+    made = TimeToGo.imagine(oracle(EMPTY), [[2.5, 1.5], [2.0, 1.0]])
+    for one, each in zip(made.paths([0.3, 0.4]), made.paths([[0.3, 0.4]] * 2), strict=True):
+        np.testing.assert_array_equal(one, each)
+    with pytest.raises(ConfigError, match=r"positions: \[9.0, 9.0\] is outside the arena \[3.0, 2.0\] \(u\)"):
+        made.paths([[9, 9], [1, 1]])
+    with pytest.raises(ConfigError, match=r"positions has the shape \[3, 2\]; .* one for each of 2 goals"):
+        made.paths([[1, 1]] * 3)
+    for give in (made.paths, lambda given: TimeToGo.imagine(oracle(EMPTY), given)):
+        with pytest.raises(ConfigError, match="'a' is not allowed; give points, such as"):
+            give("a")
+
+
 def test_it_says_its_size() -> None:
     assert repr(affmap.TimeToGo.imagine(oracle(EMPTY), [1, 1])) == "TimeToGo(1 x 29 x 19 nodes 0.1 u apart)"
 

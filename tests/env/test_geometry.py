@@ -213,7 +213,7 @@ def reached(layout: Layout, start: np.ndarray) -> np.ndarray:
 
 
 effects = st.sampled_from(["obstacle", "fog", "force_up", "force_up", "force_up", "force_down", "none"])
-places = st.integers(0, 60).map(lambda place: place / 100 + 0.001)  # off the grid: no distance is within rounding
+places = st.integers(0, 59).map(lambda place: place / 100 + 0.001)  # off the grid: no distance is within rounding
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from affmap.control.agent import Agent
 from affmap.env.layout import Layout
 from affmap.play.game import Game
 from affmap.settings import ConfigError, folder
@@ -126,6 +127,34 @@ def test_what_a_system_leaves_beside_layouts_and_planners_is_none_of_them(
     monkeypatch.setattr("affmap.settings.base.own_folder", lambda: None)
     game = Game("exp1")
     assert "original" in game.worlds and game.planners == Game("exp1").planners == ["cem", "gradient"]
+
+
+def test_a_broken_layout_is_told_only_to_those_who_ask_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that cannot be read, and one whose circle has no place; the others can be played."""
+    monkeypatch.chdir(tmp_path)
+    before = Game("exp1").worlds
+    own = tmp_path / "conf" / "layout"
+    own.mkdir(parents=True)
+    (own / "torn.yaml").write_text("name: [", "utf-8")
+    text = (folder() / "layout" / "original.yaml").read_text("utf-8")
+    (own / "odd.yaml").write_text(text.replace("obstacle", "obstcle").replace("name: original", "name: odd"), "utf-8")
+    game = Game("exp1")
+    assert game.worlds == before
+    for name in ("torn", "odd"):
+        with pytest.raises(ConfigError, match=f"conf/layout/{name}.yaml"):
+            game.enter(name)
+
+
+def test_the_transition_model_can_be_chosen() -> None:
+    """Of those of Experiment VI, of which the first is the perceptron."""
+    for name, kind in ((None, "mlp"), ("split", "split")):
+        game = Game("exp6", "pairs_and_triples", transition=name)
+        agent = game._pilot.agent
+        assert isinstance(agent, Agent) and agent.stack.settings.transition.kind == kind
+        game.change(beta=10.0)
+        game.step()
+    with pytest.raises(ConfigError, match="none is 'gru'"):
+        Game("exp6", transition="gru")
 
 
 def test_a_guide_shows_the_way_and_the_times_to_go(game: Game) -> None:

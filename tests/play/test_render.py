@@ -40,6 +40,30 @@ def test_a_frame_shows_the_vehicle_where_it_was() -> None:
                 assert tuple(frames[step][row, left[size] + column]) == tuple(pygame.Color(LAYERS[part].color))[:3]
 
 
+def test_by_default_a_film_shows_the_models_that_there_are() -> None:
+    """Experiment I has codes of 0 to 8 units, and Experiment VI only of 8."""
+    for source, number in (("exp1", 2), ("exp6", 1)):
+        (frame,) = film.film(source, num_steps=1, with_map=False)
+        assert frame.shape[1] == number * 3 * film.SCALE + (number - 1) * film.GAP
+
+
+def test_transition_models_fly_side_by_side() -> None:
+    """Each as `load` gives it, from the same start."""
+    (frame,) = film.film("exp6", transitions=["mlp", "split"], layout="pairs_and_triples", member=201, num_steps=1)
+    left, right = frame[film.HEAD :, : 3 * film.SCALE], frame[film.HEAD :, 3 * film.SCALE + film.GAP :]
+    assert left.shape == right.shape and not np.array_equal(left, right)
+
+
+def test_a_guided_agent_shows_its_way() -> None:
+    """Beside the same agent without a guide: only the guided one has pixels of a way."""
+    color = pygame.Color(LAYERS["way"].color)
+    shown = {}
+    for guide in ("none", "time_to_go"):
+        (frame,) = film.film("exp5", [8], layout="trap", guide=guide, num_steps=1, with_map=False)
+        shown[guide] = int((frame == [*color][:3]).all(-1).sum())
+    assert shown["none"] == 0 and shown["time_to_go"] > 50
+
+
 def test_of_rules_for_worlds_the_member_s_first_is_flown() -> None:
     """Experiment V's: the world that `world` gives."""
     (frame,) = film.film("exp5", [8], member=3, num_steps=1, with_map=False)
@@ -86,6 +110,7 @@ def test_help_comes_without_other_words() -> None:
         (["--output", "flight.avi"], "should end in .gif or .mp4"),
         (["--steps", "0"], "--steps 0 should be 1 or more"),
         (["--context-size", "4"], "none of 4"),
+        (["--transition", "gru"], "none is 'gru'"),
         (["--world", "mars"], "conf/layout/mars.yaml does not exist"),
         (["exp9"], "exp9 does not exist"),
         (["exp1", "--world", "fog"], "'fog' has channels"),

@@ -169,7 +169,7 @@ def test_a_mistake_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
     monkeypatch.setattr(sys, "argv", ["affmap-play", "exp4", "--world", "mars"])
     with pytest.raises(SystemExit) as leaving:
         window.main()
-    assert leaving.value.code == 2 and "'mars' is not one that these models can see: fog" in capsys.readouterr().err
+    assert leaving.value.code == 2 and "conf/layout/mars.yaml does not exist" in capsys.readouterr().err
 
 
 def test_without_a_screen_that_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,13 +18,14 @@ from affmap.model.palette import Palette
 from affmap.report import figures, painted
 from affmap.report.drawing import arena, files, losses, numbers
 from affmap.report.drawing import failures as panels
-from affmap.report.drawing.colors import Groups, make_groups
+from affmap.report.drawing.colors import GROUP_COLORS, Groups, make_groups, names_of, x_colors
 from affmap.report.figures import exploration
+from affmap.report.figures import failures as figure_of_failures
 from affmap.report.figures import results as main_results
 from affmap.report.figures import world as world_figure
 from affmap.results import examples, failures
 from affmap.results.files import Trajectories
-from affmap.results.setting import Factor, ReportSettings, Setting
+from affmap.results.setting import CONTEXT_SIZE, Factor, ReportSettings, Setting, make_factor
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -385,6 +386,14 @@ def test_groups_have_names_and_colours_of_their_own(results: dict[str, Results])
         Results((*results["exp2"].settings, other)).check_factors()
 
 
+def test_a_name_beside_others_lacks_the_symbol_as_they_do() -> None:
+    """A model of one's own, beside models with names; alone, the symbol says its key."""
+    transition, settings = make_factor("model.transition"), ReportSettings.load("report", "default")
+    assert [*names_of(transition, ["mlp", "my_linear"], settings).values()] == ["MLP", "my linear"]
+    assert [*names_of(transition, ["my_linear"], settings).values()] == ["transition = my_linear"]
+    assert [*names_of(CONTEXT_SIZE, [0, 8], settings).values()] == ["C = 0", "C = 8"]
+
+
 def test_half_way_is_the_first_step_with_half_of_the_distance_left() -> None:
     position = np.zeros((1, 6, 2))
     position[0, :, 0] = [0.0, 0.3, 0.6, 0.4, 0.9, 1.0]
@@ -442,3 +451,21 @@ def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     drawn = {name: draw(part, SETTINGS) for name, draw in draws.items()}
     assert {name for name, each in drawn.items() if each} == draws.keys() - {"growth"}
     assert "(C) Prediction error in control, 8 runs a box" in drawn["results"].caption
+
+
+def test_names_on_the_x_axis_have_colours_of_their_own() -> None:
+    """Distinct ones, none of which is that of a group; sizes have those of a scale, whatever others there are."""
+    names = ["mlp", "hyper", "additive", "split", "split_channels"]
+    colors = x_colors(make_factor("model.transition"), names)
+    assert len({*colors.values()}) == len(names) and not {*colors.values()} & {*GROUP_COLORS}
+    assert x_colors(CONTEXT_SIZE, [0, 8])[8] == x_colors(CONTEXT_SIZE, [1, 5, 8])[8]
+
+
+def test_worlds_without_fog_say_so(results: dict[str, Results], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Easy worlds, if only the hard ones had fog: the distance to it is no sign that runs arrived."""
+    has_fog = failures.has_fog
+    monkeypatch.setattr(failures, "has_fog", lambda found, job: job.layout == "procedural_hard" and has_fog(found, job))
+    drawn = figure_of_failures.draw(results["exp5"], SETTINGS)
+    assert drawn is not None
+    last = [ax for ax in drawn.figure.axes if ax.get_title("left") == "distance to fog"]
+    assert ["no fog in\nthese worlds" in [text.get_text() for text in ax.texts] for ax in last] == [True, False]

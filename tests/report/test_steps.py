@@ -92,6 +92,16 @@ def test_experiments_have_a_row_for_each_training(write_stages: WriteStages, tmp
         assert len(panels_of(figure, "context size")[0].get_lines()) == 2 * count
 
 
+def test_a_caption_is_of_the_panels_that_there_are(write_stages: WriteStages, tmp_path: Path) -> None:
+    """Kept weights of a single epoch leave nothing to draw over epochs."""
+    settings = ReportSettings.load("report", "default")
+    for epochs in (1, 2):
+        found = Results(tuple(write_stages(tmp_path / str(epochs), (0, 8), members=2, epochs=epochs)))
+        drawn = figure_of_steps.draw(found, settings)
+        assert ("Bottom: " in drawn.caption) == ("Top: " in drawn.caption) == bool(panels_of(drawn.figure, "epoch"))
+    assert "Bottom: " in drawn.caption
+
+
 def test_the_main_figure_has_a_map_of_each_kind_of_model(transitions: Results) -> None:
     drawn = main_results.draw(transitions, ReportSettings.load("report", "default"))
     titles = [ax.get_title("left") for ax in drawn.figure.axes if ax.get_images()]

@@ -301,6 +301,20 @@ def test_a_copy_with_other_values_has_their_plain_values() -> None:
     assert wheel.plain == {"radius": 0.5} and wheel.model_copy() == wheel
 
 
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"radus": 2.0}, "Wheel.model_copy: radus = 2.0 is not a known key; did you mean radius? There are: radius."),
+        ({"radius": "x"}, "Wheel.model_copy: radius = 'x' is not allowed: it should be a valid number"),
+    ],
+)
+def test_a_copy_is_checked_as_a_call_is(changes: dict[str, object], sentence: str) -> None:
+    """Which pydantic's is not."""
+    with pytest.raises(ConfigError) as error:
+        Wheel(radius=0.5).model_copy(update=changes)
+    assert str(error.value).startswith(sentence)
+
+
 class Car(Cart, defaults="cart/good"):
     """A cart with an engine (`conf/cart/good.yaml`)."""
 

@@ -16,6 +16,9 @@ from affmap.results.tables import Results
 GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol; distinguishable in this order
 
 
+NAME_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")  # Okabe and Ito's
+"""Of curves of names on the x axis; other ones than those of groups, which stand beside them."""
+
 NUMBERS: Mapping[Value, str] = MappingProxyType({})
 """Names of values on an axis that are numbers, and need none."""
 
@@ -45,9 +48,9 @@ class Groups(NamedTuple):
 def make_groups(results: Results, settings: ReportSettings) -> Groups:
     """Groups of a report's runs, by the values of its second factor."""
     factor, values = results.color, results.color_values
-    names = {value: name_of(factor, value, settings) for value in values}
+    names = names_of(factor, values, settings)
     x, x_values = results.x, results.x_values
-    x_names = {value: name_of(x, value, settings) for value in x_values} if isinstance(x_values[0], str) else {}
+    x_names = names_of(x, x_values, settings) if isinstance(x_values[0], str) else {}
     return Groups(factor.column, names, group_colors(names), x, x_names)
 
 
@@ -65,16 +68,31 @@ def name_of(factor: Factor, value: Value, settings: ReportSettings) -> str:
     return settings.names.get(str(value), factor.format(value))
 
 
+def names_of(factor: Factor, values: Iterable[Value], settings: ReportSettings) -> dict[Value, str]:
+    """Names of values for readers, see `name_of`; beside a name of the settings, another one lacks the symbol, too."""
+    values = list(values)
+    named = any(str(value) in settings.names for value in values)
+    return {
+        value: readable(value, settings) if named and isinstance(value, str) else name_of(factor, value, settings)
+        for value in values
+    }
+
+
 def readable(value: str, settings: ReportSettings) -> str:
     """Name of a planner or a layout for readers."""
     return settings.names.get(value, value.replace("_", " "))
 
 
 def x_colors(factor: Factor, values: Iterable[Value]) -> dict[Value, str]:
-    """Value on the x axis -> colour of its curve; context sizes have the same colours in every report."""
+    """Value on the x axis -> colour of its curve; context sizes have the same colours in every report.
+
+    Numbers have the colours of a scale, and names distinct ones, as far as these go.
+    """
     values = list(values)
     if factor == CONTEXT_SIZE:
         return {value: context_color(int(value)) for value in values}
+    if isinstance(values[0], str) and len(values) <= len(NAME_COLORS):
+        return dict(zip(values, NAME_COLORS, strict=False))
     places = np.linspace(0.0, 0.9, len(values))
     return {value: to_hex(mpl.colormaps["viridis"](place)) for value, place in zip(values, places, strict=True)}
 

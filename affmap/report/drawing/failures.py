@@ -62,10 +62,11 @@ def step_errors(ax: Axes, steps: pd.DataFrame, x: Factor = CONTEXT_SIZE, names: 
         curve = medians[value]
         ax.plot(curve.index, curve, marker=".", ms=4, lw=1, color=color, label=names.get(value, x.format(value)))
     ax.set_xticks(range(failures.MANY + 1), [*map(str, range(failures.MANY)), f"{failures.MANY}+"])
-    ax.set(xlabel="circles that act", ylabel="median step error (nats)", xlim=(-0.2, failures.MANY + 0.2))
+    ax.set(xlabel="circles that act", ylabel="median step\nerror (nats)", xlim=(-0.2, failures.MANY + 0.2))
     most = int(medians.index.get_level_values("acting").max())
     if most < failures.MANY:
-        say(ax, "no\nsuch\nstep", (most + 1 + failures.MANY) / 2 / failures.MANY)
+        low, high = ax.get_xlim()
+        say(ax, "no\nsuch\nstep", ((most + 0.4 + high) / 2 - low) / (high - low))
     if medians.max() > LINEAR:
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.set_ylabel(f"median step error\n(nats, log beyond ±{LINEAR})")

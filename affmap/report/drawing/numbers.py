@@ -24,8 +24,9 @@ from affmap.results.numbers import number
 from affmap.results.scores import center
 from affmap.results.setting import LAYOUT, PLANNER, Value
 
-HUGE, LINEAR = 300, 20
-"""Boxes of errors beyond the first value (nats) get an axis that is linear up to the second and then logarithmic."""
+HUGE, FLAT, LINEAR = 300, 100, 20
+"""Losses beyond the first value (nats) and boxes of errors beyond the second get an axis that is linear up to the third
+and then logarithmic."""
 
 
 DASHES = ((5, 1.5), (1, 1), (3, 1, 1, 1), (7, 3))
@@ -81,7 +82,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     ax.set(xlabel=groups.x.label, ylabel=METRICS[metric].label)
     if runs[metric].min() >= 0:  # a length or a count: show its zero
         ax.set_ylim(bottom=0)
-    elif ax.get_ylim()[1] > HUGE:  # large errors of one model: keep the others visible
+    elif ax.get_ylim()[1] > FLAT:  # large errors of one model: keep the others visible
         low = min([ax.dataLim.y0, *(paper or ())])
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.set_ylim(bottom=1.1 * low)
@@ -216,6 +217,12 @@ def name_places(ax: Axes, values: Sequence[Value], names: Mapping[Value, str] = 
 
 LETTERS = 15
 """More than these on the x axis of a narrow panel would overlap, and are turned."""
+
+
+def turn_names(ax: Axes, names: Iterable[str]) -> None:
+    """Turn names on the x axis that would overlap in a panel of a third of a page."""
+    if len("".join(names)) > LETTERS:
+        ax.tick_params(axis="x", rotation=90)
 
 
 def mark_zeros(ax: Axes, places: Iterable[float]) -> None:

@@ -45,7 +45,10 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
             steps = failures.step_errors(results, row)
             panels.step_errors(right, steps, *axis).set_title("errors outside fog", loc="left")
         for ax in rest:
-            panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, *axis)
+            if any(failures.has_fog(results, setting) for setting in row):
+                panels.fog_distances(ax, failures.end_distances(results, row), results.x_values, *axis)
+            else:
+                numbers.say(ax, "no fog in\nthese worlds").set(xticks=[], yticks=[])
             ax.set_title("distance to fog", loc="left")
     numbers.legend_below(
         figure, {"failed runs:": _entries(rows[:, 0]), "never arrived, nearest to:": _entries(rows[:, 1])}

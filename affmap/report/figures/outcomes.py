@@ -20,6 +20,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
         numbers.titled(numbers.boxes(ax, results.runs, metric, groups), numbers.panel_title(letter, metric))
     for ax in others[len(more) :]:
         ax.set_axis_off()
+    for ax in (share, touching, *others[: len(more)]):
+        numbers.turn_names(ax, groups.x_names.values())
     panels = {"reached": share, "steps_touching": touching, **dict(zip(more, others, strict=False))}
     numbers.baseline_lines(figure, panels, results.baseline_runs, groups)
     return Drawn(figure, _caption(results, settings))

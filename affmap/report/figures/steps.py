@@ -40,7 +40,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
             ax.set_title(f"{prefix}{name_of(factor, value, settings)}", loc="left")
         bottom[0].set_ylabel("part of the mean loss (nats)")
         bottom[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), frameon=False, handlelength=0.9)
-    return Drawn(figure, _caption(groups))
+    return Drawn(figure, _caption(groups, over_epochs=bool(rows)))
 
 
 def _trained_groups(results: Results, settings: ReportSettings) -> Groups | None:
@@ -54,13 +54,18 @@ def _trained_groups(results: Results, settings: ReportSettings) -> Groups | None
     return groups._replace(names=names, palette=palette) if len(names) > 1 else None
 
 
-def _caption(groups: Groups | None) -> str:
+def _caption(groups: Groups | None, over_epochs: bool) -> str:
     names = list(groups.names.values()) if groups else []
     some = f"; of {listed(names[:MAX_ROWS])} only" if len(names) > MAX_ROWS else ""
     colors = f", {listed(names)} in colours of their own" if names else ""
+    last = (
+        "the median step and the mean of all steps at the end of training (points: median over members; lines: "
+        f"quartiles){colors}."
+    )
+    if not over_epochs:
+        return f"Validation losses by kind of step: {last}"
     return (
-        "Validation losses by kind of step. Top: the median step and the mean of all steps at the end of training "
-        f"(points: median over members; lines: quartiles){colors}. Bottom: contribution of each kind of step to the "
-        f"mean loss in the course of training, and their sum (dotted); medians over members, at the epochs whose "
-        f"weights were kept{some}."
+        f"Validation losses by kind of step. Top: {last} Bottom: contribution of each kind of step to the mean loss in "
+        "the course of training, and their sum (dotted); medians over members, at the epochs whose weights were "
+        f"kept{some}."
     )
