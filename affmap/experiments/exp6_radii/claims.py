@@ -47,9 +47,9 @@ def _halo_shrinks(results: Results) -> list[Criterion]:
     """Test the share of places just outside fog that members mistake for fog, in the map's world."""
     criteria = []
     for model, one in ONE_RADIUS.items():
-        shares = [_halo(results, each) for each in (model, one)]
-        if all(len(share) for share in shares):
-            outcome = statistics.paired(*shares, "lower", "mean")
+        several, single = (_halo(results, each) for each in (model, one))
+        if len(several) and len(single):
+            outcome = statistics.paired(several, single, "lower", "mean")
         else:
             outcome = undecided(SIGNED_RANK, 0, f"needs runs of {model} and {one}")
         criteria.append(Criterion(model, f"{model} minus {one}", "share", outcome, f"The halo is smaller: {model}."))
