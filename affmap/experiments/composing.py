@@ -104,7 +104,7 @@ class Models:
             outcome = claims.with_note(statistics.at_least(shares / share, level), [f"{whose}: {number(share)}"])
         else:
             outcome = undecided(f"95 % interval from {level:g} up", 0, f"needs runs of {whose}")
-        says = f"In {NAMES[layout]} worlds at least {level:g} of the share of {whose} succeed."
+        says = f"In {NAMES[layout]} worlds the share of successful runs is at least {level:g} of that of {whose}."
         return Criterion(NAMES[layout], f"share of successful runs divided by that of {whose}", "ratio", outcome, says)
 
     def errors(self, model: str, median: float, mean: float) -> list[Criterion]:
