@@ -23,7 +23,7 @@ TINY = [
     "hydra.launcher.n_jobs=1",
 ]
 COARSE = "lookup.spacing=0.25"
-SIZES, SIZE = "model.context_size=0,1", "model.context_size=1"
+SIZES, SIZE = "model.context_size=0,1", "model.context_size=4"  # a unit for each channel
 PAPER = [name for name in ROOMS if "paper_figures" in read("experiment", name)["report"]]
 CLAIMS = {
     "exp1": ("I", range(1, 9), 2 * 2),
@@ -102,12 +102,12 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 
 def test_nothing_is_computed_twice(place: Path) -> None:
     """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
-    with V's data and five, two of them with these data, VII none, and its doors one."""
+    with V's data and five, two of them with these data, VII one, and its doors one."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")
     }
-    assert len(kept["data"]) == 6 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 5 + 0 + 1
+    assert len(kept["data"]) == 6 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 5 + 1 + 1
 
 
 @pytest.fixture(scope="module")
