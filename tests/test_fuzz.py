@@ -364,7 +364,7 @@ LINES: dict[str, list[str]] = {
         "output=.", "output=/", "output='~/x'",
         "members=1e400", "members=true", "members=nan", "threads=100000", "world=procedural_hard",
     ],
-    "holds: fog": ["world=moon", "control_layout=moon", "training_layouts=[fog,moon]"],
+    "holds: doors": ["world=moon", "control_layout=moon", "training_layouts=[fog,moon]"],
     "without folder and ending; did you mean fog": ["world=../fog", "world=fog.yaml"],
     "missing": ["planner=[]", "~model", "~title", "~planner.kind", "~vehicle.radius"],
     "folder of its own": ["output=runs/store", "store=runs/reference/store", "store=runs/../runs/single"],

@@ -8,7 +8,7 @@ from affmap.cli.publish import check_publishable, keep_report
 from affmap.config.overrides import replace_experiment
 from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
-from affmap.settings.messages import ConfigError
+from affmap.settings import ConfigError, read
 from affmap.store.provenance import without_paths
 
 ABOUT = """\
@@ -47,10 +47,10 @@ def _paper(paper: Sweep, beyond: bool, publish: bool) -> None:
 
     chapters = []
     for experiment in ROOMS:
+        if beyond == ("paper_figures" in read("experiment", experiment)["report"]):
+            continue  # before its sweep is read: what was asked for may not fit it
         jobs = read_sweep(replace_experiment(paper.overrides, experiment, ("output",)))
         first = jobs.first
-        if beyond == bool(first.report.paper_figures):
-            continue
         try:
             part = completed(jobs)
         except ConfigError as error:

@@ -133,7 +133,7 @@ def sentence(item: ErrorDetails, values: Any, known: Keys) -> str:
     """An invalid value in a sentence: key = value, error, remedy."""
     key, value = _key(item["loc"], values, item["type"] == "missing"), format_value(item["input"])
     problem = _PROBLEMS.get(item["type"]) or re.sub(r"^(Value error, |\w+ (?=should ))", "", item["msg"])
-    problem = shorten(problem, 400)
+    problem = shorten(problem, 600)
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":

@@ -113,7 +113,7 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
         ),
         (
             ["agent=random", "agent.std=1"],
-            "agent.std is a key of agent=oracle and agent=true_deviation and agent=true_mean only, ",
+            "agent.std is a key of agent=oracle and agent=seen and agent=true_deviation and agent=true_mean only, ",
         ),
         (["+seed=3"], "seed is a key already; leave out the +."),
         (
@@ -136,8 +136,8 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
         *(
             (
                 [f"{key}=fog"],
-                "layout is not a known key; choose a layout by world=fog, for all that names no other, or by "
-                "training_layouts=[fog], control_layout=fog or map_layout=fog.",
+                "layout is not a known key; choose a layout by world=doors, for all that names no other, or by "
+                "training_layouts=[doors], control_layout=doors or map_layout=doors.",
             )
             for key in ("layout", "layout.name")
         ),

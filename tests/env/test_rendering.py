@@ -85,16 +85,16 @@ def test_obstacles_fill_their_circles() -> None:
 
 def test_each_effect_has_its_colour_and_obstacles_lie_on_top() -> None:
     circles = [
-        {"center": [0.5 * number + 0.5, 1.0], "radius": 0.2, "effect": effect, "channel": "solid"}
+        {"center": [0.4 * number + 0.3, 1.0], "radius": 0.2, "effect": effect, "channel": "solid"}
         for number, effect in enumerate(COLORS)
     ]
-    circles.append({"center": [2.5, 1.0], "radius": 0.3, "effect": "fog", "channel": "solid"})
+    circles.append({"center": [2.7, 1.0], "radius": 0.3, "effect": "fog", "channel": "solid"})
     frame = picture(made(layout=Layout.load("layout", "original", circles=circles)))
     for number, effect in enumerate([*COLORS][:-1]):
-        assert color(frame, 0.5 * number + 0.53, 1.0) == near(COLORS[effect]), "beside arrows"
-    assert color(frame, 2.75, 1.0) == near(COLORS["fog"])
-    assert color(frame, 2.5, 1.0) == near(painted("obstacle", COLORS["fog"]))
-    assert len({*COLORS.values(), WHITE, VEHICLE, GOAL, PLAN, THROTTLE}) == 10
+        assert color(frame, 0.4 * number + 0.33, 1.0) == near(COLORS[effect]), "beside arrows"
+    assert color(frame, 2.95, 1.0) == near(COLORS["fog"])
+    assert color(frame, 2.7, 1.0) == near(painted("obstacle", COLORS["fog"]))
+    assert len({*COLORS.values(), WHITE, VEHICLE, GOAL, PLAN, THROTTLE}) == 12
 
 
 def test_the_vehicle_has_its_radius_and_moves_with_its_position() -> None:

@@ -122,7 +122,10 @@ def test_as_seen_overlapping_fields_of_one_look_pull_as_one() -> None:
     twice, down = ((1.5, 1.0, 0.3, "force_up"), (1.6, 1.0, 0.3, "force_up")), (1.5, 1.1, 0.3, "force_down")
     fields = [world(*twice), world(*twice, down), world(down, *twice, (1.55, 1.0, 0.2, "force_up")), world()]
     other = fields[0].circles[1].model_copy(update={"channel": "fog"})
-    layouts = [*fields, fields[0].model_copy(update={"circles": (fields[0].circles[0], other)})]
+    layouts = [
+        *fields,
+        fields[0].model_copy(update={"channels": ("solid", "fog"), "circles": (fields[0].circles[0], other)}),
+    ]
     start, number, dt = np.tile([1.55, 1.0], (5, 1)), np.arange(5), VEHICLE.time_step_s
     unit = dt**2 * VEHICLE.force / VEHICLE.mass * (1 - dt * VEHICLE.damping)
     for as_seen, pulls in ((False, [2, 1, 2, 0, 2]), (True, [1, 0, 0, 0, 2])):
