@@ -25,6 +25,7 @@ from affmap.config.root import Config, plain
 from affmap.config.search import IRRELEVANT, OtherSearch, Search
 from affmap.config.sweep import Sweep
 from affmap.pipeline import status
+from affmap.pipeline.completed import report_problem
 from affmap.pipeline.job import (
     agents_without_models,
     all_stages,
@@ -145,6 +146,8 @@ def _run_sweep(jobs: Sweep) -> None:
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
+    if problem := report_problem(jobs):
+        print(f"affmap-report will not draw this sweep: {problem}", flush=True)
     _check_machine(jobs.configs, jobs.overrides)
     check_locks(first.store)
     for kind in agents_without_models(jobs.configs):

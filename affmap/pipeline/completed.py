@@ -11,7 +11,8 @@ from hydra.errors import HydraException
 from affmap.config.notes import folders_with_notes, read_note
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
-from affmap.pipeline.job import find, is_complete
+from affmap.pipeline.job import all_values, find, is_complete
+from affmap.results.design import Design
 from affmap.results.provenance import leaves
 from affmap.results.setting import PLANNER, ReportSettings, Setting, Value
 from affmap.results.tables import Results, join
@@ -60,6 +61,20 @@ def completed(sweep: Sweep) -> Completed:
         raise IncompleteError(f"{sentence}; run `affmap {shlex.join(line)}` first.")
     baseline_complete = [setting for setting in baseline_settings if setting]
     return Completed(_distinct(join(complete)), growth_setting, join(baseline_complete), sentence)
+
+
+def report_problem(sweep: Sweep) -> str:
+    """The reason why no report can be drawn of a sweep once it is complete; empty if there is none."""
+    settings = sweep.first.report
+    if settings.compare:
+        return ""
+    planned = [all_values(config, values) for config, values in zip(sweep.configs, _values(sweep), strict=True)]
+    distinct = {tuple(values.items()): Setting(values, {}) for values in planned}  # members may be divided among jobs
+    try:
+        Design(_distinct(list(distinct.values())), x_key=settings.x, color_key=settings.color).check_factors()
+    except ConfigError as error:
+        return str(error)
+    return ""
 
 
 def complete_elsewhere(sweep: Sweep) -> Path | None:

@@ -63,13 +63,20 @@ def find(config: Config, values: Mapping[str, Value] = MappingProxyType({})) -> 
 
 def as_setting(config: Config, folders: Sequence[Path], values: Mapping[str, Value] = MappingProxyType({})) -> Setting:
     """The folders of a job's stages, in order, as a setting; `values` as in `find`."""
+    names = [stage.name for stage in stages_of(config)]
+    return Setting(
+        all_values(config, values), {name: (folder,) for name, folder in zip(names, folders, strict=True)}
+    )
+
+
+def all_values(config: Config, values: Mapping[str, Value]) -> dict[str, Value]:
+    """The values by which a report knows a job's setting; `values` as in `find`."""
     common: dict[str, Value] = {
         CONTEXT_SIZE.key: config.model.context_size,
         PLANNER.key: config.controller,
         LAYOUT.key: config.control_layout.name,
     }
-    names = [stage.name for stage in stages_of(config)]
-    return Setting({**common, **values}, {name: (folder,) for name, folder in zip(names, folders, strict=True)})
+    return {**common, **values}
 
 
 def agents_without_models(configs: Sequence[Config]) -> list[str]:
