@@ -146,8 +146,8 @@ def _run_sweep(jobs: Sweep) -> None:
     for config in jobs.configs:
         check_models(config)
         check_trials(config)
-    if problem := report_problem(jobs):
-        print(f"affmap-report will not draw this sweep: {problem}", flush=True)
+    if undrawn := report_problem(jobs):
+        print(f"affmap-report will not draw this sweep: {undrawn}", flush=True)
     _check_machine(jobs.configs, jobs.overrides)
     check_locks(first.store)
     for kind in agents_without_models(jobs.configs):

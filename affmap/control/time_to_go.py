@@ -191,7 +191,7 @@ class TimeToGo:
         from matplotlib.ticker import MaxNLocator  # takes a tenth of a second to import
 
         known = self.clear(index).compressed()
-        return np.asarray(MaxNLocator(10).tick_values(0, known.max(initial=0)))
+        return np.asarray(MaxNLocator(10).tick_values(0, known.max(initial=0)))[1:]  # 0 is the goal itself
 
     def lines(self, index: int = 0) -> list[Floats]:
         """Lines of equal times to go, at `levels`, in the map at `index`: `[points, 2]` each, u."""

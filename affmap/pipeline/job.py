@@ -64,9 +64,7 @@ def find(config: Config, values: Mapping[str, Value] = MappingProxyType({})) -> 
 def as_setting(config: Config, folders: Sequence[Path], values: Mapping[str, Value] = MappingProxyType({})) -> Setting:
     """The folders of a job's stages, in order, as a setting; `values` as in `find`."""
     names = [stage.name for stage in stages_of(config)]
-    return Setting(
-        all_values(config, values), {name: (folder,) for name, folder in zip(names, folders, strict=True)}
-    )
+    return Setting(all_values(config, values), {name: (folder,) for name, folder in zip(names, folders, strict=True)})
 
 
 def all_values(config: Config, values: Mapping[str, Value]) -> dict[str, Value]:

@@ -26,6 +26,7 @@ from affmap.threads import limited
 if TYPE_CHECKING:  # need torch
     from affmap.control.agent import Agent
     from affmap.control.episodes import Runs
+    from affmap.control.time_to_go import TimeToGo
     from affmap.model.lookup import AffordanceMap
 
 END = "o"
@@ -78,14 +79,14 @@ def affordance_map(source: Agent | AffordanceMap, *, index: int = 0, ax: Axes | 
     return axes
 
 
-def time_to_go(agent: Agent, goal: ArrayLike, *, index: int = 0, ax: Axes | None = None) -> Axes:
+def time_to_go(agent: Agent, goal: ArrayLike | TimeToGo, *, index: int = 0, ax: Axes | None = None) -> Axes:
     """Draw times to go to a goal as lines over an affordance map: what actions do here, and in the whole arena.
 
     Numbers are steps and what their uncertainty costs (`affmap.TimeToGo`); the goal is a cross.
 
     Args:
         agent: an agent with a context code.
-        goal: `[2]`, u.
+        goal: `[2]`, u; or the times to go that this agent has imagined already, which takes seconds.
         index: of the map among those of all members (and worlds).
         ax: where to draw.
 
@@ -97,7 +98,11 @@ def time_to_go(agent: Agent, goal: ArrayLike, *, index: int = 0, ax: Axes | None
     painted = map_of(agent)
     with canvas(ax) as axes:
         affordance_map(painted, index=index, ax=axes)
-        made = TimeToGo.imagine(agent, np.broadcast_to(goal, (len(painted.codes), 2)))
+        made = goal
+        if not isinstance(made, TimeToGo):
+            made = TimeToGo.imagine(agent, np.broadcast_to(made, (len(painted.codes), 2)))
+        if index >= len(made.goals):
+            raise ConfigError(f"index = {index} is not allowed: there are times to go to {len(made.goals)} goals only.")
         arena.times_to_go(axes, made.clear(index), made.x, made.y, made.levels(index))
         layer = LAYERS["goal"]
         axes.plot(*made.goals[index], color=layer.color, ls="", zorder=4, **arena.SIGNS["cross"])

@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import affmap
 from affmap.control.agent import Agent
 from affmap.control.oracle import Oracle
+from affmap.control.time_to_go import TimeToGo
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural
 from affmap.model.lookup import AffordanceMap, ExactLookup
@@ -97,6 +98,47 @@ def test_what_has_no_map_is_told_in_a_sentence() -> None:
     ):
         with pytest.raises(ConfigError, match=message):
             affmap.plot.affordance_map(source, index=index, ax=axes())  # type: ignore[arg-type]
+
+
+def columns(goal: tuple[float, float] = (0.1, 1.0)) -> TimeToGo:
+    """Times of a vehicle that takes 10 steps from a node to the next one, and gets on along x and y only."""
+    x, y = np.linspace(0.1, 2.9, 29), np.linspace(0.1, 1.9, 19)
+    costs = np.where(np.arange(8)[:, None, None] % 2, np.inf, np.full((8, 19, 29), 10.0))
+    return TimeToGo(costs[None], x, y, np.array([goal]), pace=100.0)
+
+
+def test_lines_of_equal_times_are_where_the_times_are_equal() -> None:
+    """Closed form: 100 steps per u of |x - 0.1| + |y - 1| - 0.1 (u), its neighbours being there."""
+    ways = columns()
+    stack = make_stack(3)
+    agent = Agent(stack, AffordanceMap.paint(stack, [ORIGINAL.map], spacing=0.1), PLANNER, SETTINGS)
+    (lines,) = (
+        each for each in affmap.plot.time_to_go(agent, ways, ax=axes()).collections if len(each.get_paths()) > 1
+    )
+    assert ways.levels()[0] > 0 and len(lines.get_paths()) == len(ways.levels())
+    for level, path in zip(ways.levels(), lines.get_paths(), strict=True):
+        points = path.vertices[np.abs(path.vertices - (0.1, 1.0)).min(1) > 0.1]  # not in the cells of the kink
+        assert_allclose(100 * np.abs(points - (0.1, 1.0)).sum(1) - 10, level, atol=1e-6)
+
+
+def test_scraps_of_lines_are_not_drawn() -> None:
+    """A line that is shorter than two spacings, where all nodes but four are masked; the others stay whole."""
+    ways = columns()
+    steps = ways.clear()
+    whole = arena.times_to_go(axes(), steps, ways.x, ways.y, np.array([50.0])).collections[0].get_paths()[0]
+    assert len(whole.vertices) > 5
+    steps[:, :] = np.ma.array(steps.data, mask=True)
+    steps[2:4, 2:4] = np.ma.array(ways.steps[0, 2:4, 2:4], mask=False)
+    middle = np.array([float(steps.mean())])
+    (left,) = arena.times_to_go(axes(), steps, ways.x, ways.y, middle).collections[0].get_paths()
+    assert not len(left.vertices)
+
+
+def test_there_are_no_times_to_more_goals_than_imagined() -> None:
+    stack = make_stack(3)
+    agent = Agent(stack, AffordanceMap.paint(stack, [ORIGINAL.map, TWO.map], spacing=0.1), PLANNER, SETTINGS)
+    with pytest.raises(ConfigError, match="index = 1 is not allowed: there are times to go to 1 goals only"):
+        affmap.plot.time_to_go(agent, columns(), index=1, ax=axes())
 
 
 def test_paths_are_drawn_from_start_to_end_in_the_colour_of_their_run() -> None:

@@ -14,6 +14,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Patch, Polygon, Rectangle
+from matplotlib.path import Path
 
 from affmap.env.effects import EFFECTS
 from affmap.env.geometry import CELL, reachable
@@ -84,8 +85,19 @@ def times_to_go(ax: Axes, steps: Floats, x: Floats, y: Floats, levels: Floats) -
     """
     if min(steps.shape) > 1:
         lines = ax.contour(x, y, steps, levels=levels, colors="black", linewidths=0.7)
-        ax.clabel(lines, levels[::2], fmt="%g", fontsize=5.5, colors="black")
+        lines.set_paths([_without_scraps(path, 2 * (x[1] - x[0])) for path in lines.get_paths()])
+        ax.clabel(lines, levels[1::2], fmt="%g", fontsize=5.5, colors="black")
     return ax
+
+
+def _without_scraps(lines: Path, shortest: float) -> Path:
+    """Lines without those shorter than `shortest` (u), which the masked nodes beside walls tear off."""
+    kept = [
+        Path(part)
+        for part in lines.to_polygons(closed_only=False)
+        if np.linalg.norm(np.diff(part, axis=0), axis=1).sum() >= shortest
+    ]
+    return Path.make_compound_path(*kept)
 
 
 def label_outer(grid: "np.ndarray[Any, Any]", count: int) -> None:
