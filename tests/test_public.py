@@ -592,7 +592,9 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
         for layout in ("hard", "crowded_hard")
     )
     assert f"the paper's model succeeds in {hard[1]} of the hard runs instead of {hard[0]}" in text
-    assert f"lost in crowded worlds: {crowded[1]}, and {crowded[2]} with blocks" in text
+    given = percent("exp6_radii", "given", "procedural_hard", "learner")
+    assert f"and a code of its own for each channel in {given} (oracle" in text
+    assert f"succeeds in {crowded[1]}, one with blocks that act in turn in {crowded[2]}, and so does an oracle" in text
     opened, closed = (percent("exp7_doors", agent, "doors", "lookahead") for agent in ("time_to_go", "horizon_80"))
     assert f"With the map {opened} of the runs succeed, without it {closed}" in text
     results, baselines = page("docs/results.md"), pd.read_csv(ROOT / "runs/reference/exp6_radii/tables/baselines.csv")
@@ -607,4 +609,4 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
         .first()
     ]
     told = [verdicts.count(each) for each in ("holds", "does not hold", "not decided")]
-    assert f"Of their {sum(told)} claims {told[0]} hold, {told[1]} do not hold, and {told[2]} are not decided." in text
+    assert f"Of their {sum(told)} claims {told[0]} hold, {told[1]} do not hold, and {told[2]} are not decided;" in text

@@ -6,7 +6,8 @@ The folder of an experiment, its room, is named after its file in `conf/experime
 |---|---|
 | `claims.py` | `CLAIMS`, sentences that are tested; those of the paper's experiments are in the paper's report |
 | `page.md` | the page of its report; without one, `affmap/report/page.md` |
-| `*.md` | texts that the page includes |
+| `introduction.md`, `expected.md` | question and predictions, in its report and in that of all beyond the paper |
+| `*.md` | other texts that the page includes |
 | `figures/<name>.py` | figures of its own: `draw(results, settings)`, as in `affmap/report/figures` |
 """
 
@@ -41,10 +42,11 @@ def open_room(experiment: str, claims: str | None) -> Room:
 
     Args:
         experiment: its name; it may have no folder.
-        claims: the experiment whose claims are tested, or None.
+        claims: the experiment whose claims are tested, or None. An experiment that has claims is another one without
+            them, such as one in a world of the user's own; its report has the general page and no predictions.
     """
     folder, default = _HERE / experiment, Room()
-    if not folder.is_dir():
+    if not folder.is_dir() or (claims is None and experiment in ROOMS):
         return Room(claims_about(claims))
     page = folder / "page.md"
     own = [f"{__name__}.{experiment.replace('/', '.')}.figures"] if (folder / "figures").is_dir() else []

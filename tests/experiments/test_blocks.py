@@ -115,5 +115,5 @@ def test_models_without_blocks_have_neither_figure_nor_table(jobs: list[Setting]
     """Only the page of Experiment VI has them."""
     found = Results(tuple(jobs))
     assert draw(found, SETTINGS) is None and not Content("", None, found, (), SETTINGS, (), {}, {}).blocks()
-    rooms = {name for name in ROOMS if "blocks" in figures.figures_of(*open_room(name, None).figures)}
+    rooms = {name for name in ROOMS if "blocks" in figures.figures_of(*open_room(name, name).figures)}
     assert rooms == {"exp6"}

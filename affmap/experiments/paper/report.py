@@ -37,6 +37,11 @@ class Volume(StrEnum):
     BEYOND = "beyond"
 
     @property
+    def chapter(self) -> Path:
+        """Template of an experiment's chapter; beyond the paper, with introduction and predictions."""
+        return _HERE / ("chapter.md" if self is Volume.PAPER else "chapter_beyond.md")
+
+    @property
     def heading(self) -> str:
         """Title of the report."""
         subject = "the paper's experiments" if self is Volume.PAPER else "beyond the paper"
@@ -203,7 +208,7 @@ class PaperContent:
         about = Content(
             chapter.title, chapter.missing, chapter.results, scores, chapter.settings, known, captions, {}, folder
         )
-        return fill(_HERE / "chapter.md", about, chapter.room.folders)
+        return fill(self.report.volume.chapter, about, chapter.room.folders)
 
     def deviations(self) -> str:
         """Deviations from the paper, with reasons."""
