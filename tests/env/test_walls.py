@@ -94,9 +94,11 @@ def test_the_way_to_the_nearest_key_leads_away_from_the_goal() -> None:
     for seed in range(SEEDS):
         layout = rules.draw(generator(seed, "world", 0))
         keys = np.array([each.center for each in layout.circles if each.effect == "key"])
+        solid = tuple(each.model_copy(update={"effect": "obstacle"}) for each in layout.obstacles)
+        shut = layout.model_copy(update={"circles": solid})
         for corner in range(4):
             start, goal = (layout.corner(index).mean(0) for index in (corner, 3 - corner))
-            assert not crossable(layout.model_copy(update={"circles": tuple(layout.obstacles)}), VEHICLE, start, goal)
+            assert not crossable(shut, VEHICLE, start, goal)
             nearest = keys[np.linalg.norm(keys - start, axis=1).argmin()]
             assert np.linalg.norm(nearest - goal) > np.linalg.norm(start - goal) + 0.1
             line = np.linspace(start, goal, 50)[:, None]
