@@ -11,7 +11,7 @@ import numpy as np
 
 from affmap.env.body import THROTTLES
 from affmap.env.effects import EFFECTS
-from affmap.env.layout import Layout
+from affmap.env.layout import Circle, Layout
 from affmap.view import EXTENT
 
 NUM_DEVIATIONS = 3
@@ -128,18 +128,26 @@ class Scene(NamedTuple):
 
 def circle_marks(layout: Layout, filled: bool = True) -> list[Mark]:
     """A world's circles by their effects, the highest last: filled, with arrows where fields pull, or their rims."""
+    if not filled:
+        return [mark for name in EFFECTS for mark in _rims([each for each in layout.circles if each.effect == name])]
     marks = []
     for name, effect in EFFECTS.items():
         for circle in (circle for circle in layout.circles if circle.effect == name):
             center, radii, pull = np.array([circle.center]), np.full(2, circle.radius), effect.pull
-            layers = [Layer("#ffffff", 3.0), Layer(effect.color, 1.5)]
-            if filled:  # fields may overlap anything
-                layers = [Layer(effect.color, opacity=0.5 if pull else 0.85)]
-                layers += [Layer(effect.color, 1.2)] if pull else [Layer("#999999", 0.7)] if name == "none" else []
+            layers = [Layer(effect.color, opacity=0.5 if pull else 0.85)]  # fields may overlap anything
+            layers += [Layer(effect.color, 1.2)] if pull else [Layer("#999999", 0.7)] if name == "none" else []
             marks += [Mark(layer, center, radii) for layer in layers]
-            if filled and pull:
+            if pull:
                 along, aside = 0.6 * circle.radius * np.array([pull, (-pull[1], pull[0])])
                 head = center + along
                 wings = [head - 0.35 * along + 0.2 * side * aside for side in (1, -1)]
                 marks.append(Mark(Layer("#595959", 0.7), np.vstack([center - along, head, wings[0], head, wings[1]])))
     return marks
+
+
+def _rims(circles: Sequence[Circle]) -> list[Mark]:
+    """Rims of circles of one effect, in its colour on white; the white of none covers the colour of another."""
+    layers = [
+        layer for each in circles[:1] for layer in (Layer("#ffffff", 3.5), Layer(EFFECTS[each.effect].color, 2.0))
+    ]
+    return [Mark(layer, np.array([each.center]), np.full(2, each.radius)) for layer in layers for each in circles]
