@@ -4,14 +4,14 @@ Painters draw the shapes: `rendering` with pygame, `report.drawing.arena` with M
 Lengths are in u.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from affmap.env.body import THROTTLES
 from affmap.env.effects import EFFECTS
-from affmap.env.layout import Circle, Layout
+from affmap.env.layout import Layout
 from affmap.view import EXTENT
 
 NUM_DEVIATIONS = 3
@@ -129,7 +129,8 @@ class Scene(NamedTuple):
 def circle_marks(layout: Layout, filled: bool = True) -> list[Mark]:
     """A world's circles by their effects, the highest last: filled, with arrows where fields pull, or their rims."""
     if not filled:
-        return [mark for name in EFFECTS for mark in _rims([each for each in layout.circles if each.effect == name])]
+        each = {name: [circle for circle in layout.circles if circle.effect == name] for name in EFFECTS}
+        return [mark for name in EFFECTS for mark in rims(name, [(*one.center, one.radius) for one in each[name]])]
     marks = []
     for name, effect in EFFECTS.items():
         for circle in (circle for circle in layout.circles if circle.effect == name):
@@ -145,9 +146,8 @@ def circle_marks(layout: Layout, filled: bool = True) -> list[Mark]:
     return marks
 
 
-def _rims(circles: Sequence[Circle]) -> list[Mark]:
-    """Rims of circles of one effect, in its colour on white; the white of none covers the colour of another."""
-    layers = [
-        layer for each in circles[:1] for layer in (Layer("#ffffff", 3.5), Layer(EFFECTS[each.effect].color, 2.0))
-    ]
-    return [Mark(layer, np.array([each.center]), np.full(2, each.radius)) for layer in layers for each in circles]
+def rims(name: str, circles: Iterable[tuple[float, float, float]]) -> list[Mark]:
+    """Rims of circles (x, y and radius) of an effect, in its colour on white, which covers no colour of another."""
+    centers = [(np.array([[x, y]]), np.full(2, radius)) for x, y, radius in circles]
+    layers = Layer("#ffffff", 3.5), Layer(EFFECTS[name].color, 2.0)
+    return [Mark(layer, *each) for layer in layers for each in centers]
