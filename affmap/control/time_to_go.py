@@ -211,7 +211,7 @@ class TimeToGo:
         """
         near, total = self._near(positions)
         hidden = [np.ma.getmaskarray(self.clear(index)).ravel()[node] for index, node in enumerate(total.argmin(1))]
-        cut_off: NDArray[np.bool_] = (near & np.isinf(total)).any(1) & hidden
+        cut_off: NDArray[np.bool_] = (near & np.isinf(total)).any(1) & np.array(hidden, bool)
         return cut_off
 
     def _near(self, positions: Floats) -> tuple[NDArray[np.bool_], Floats]:

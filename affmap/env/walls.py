@@ -77,11 +77,11 @@ class Walls(Rules):
                     )
         # Ends and keys move by shift along both axes, perhaps towards each other.
         room = self.radius + 2 * math.sqrt(2) * self.shift
-        for number, key in enumerate(self.lock.keys if self.lock else ()):
-            gap = min(_gap(key, *line) for row in self._rows for line in pairwise(row))
+        for number, place in enumerate(self.lock.keys if self.lock else ()):
+            gap = min(_gap(place, *line) for row in self._rows for line in pairwise(row))
             if gap < room:
                 raise ValueError(
-                    f"lock.keys[{number}] = {list(key)} is {gap:.3g} u from the middle of a wall or door and may be "
+                    f"lock.keys[{number}] = {list(place)} is {gap:.3g} u from the middle of a wall or door and may be "
                     f"drawn inside; put it at least {room:.3g} u away (radius = {self.radius}, shift = {self.shift})."
                 )
         length = sum(math.dist(*line) + 4 * self.shift for row in self._rows for line in pairwise(row))

@@ -84,8 +84,8 @@ def film(
         title = f"context code of {context_size}" if context_size else "no context code"
         title = f"{transition}, C = {context_size}" if transition else title
         scenes = [paths.scene(run, step, first, vehicle(agent).radius) for step in range(paths.action.shape[1])]
-        looks = [{"goal_radius": agent.settings.goal_radius, "ground": grounds.get(each.layout)} for each in scenes]
-        scenes = [scene._replace(**look) for scene, look in zip(scenes, looks, strict=True)]
+        near = agent.settings.goal_radius
+        scenes = [scene._replace(goal_radius=near, ground=grounds.get(scene.layout)) for scene in scenes]
         films.append(_pictures(_with_ways(scenes, bring(agent, first), first), title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
