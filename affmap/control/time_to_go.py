@@ -142,7 +142,8 @@ class TimeToGo:
         A path may lead over a key and on through its door; `is_open` as in `subgoals`.
 
         Returns:
-            B arrays `[points, 2]`, u; of one point where there is no way.
+            B arrays `[points, 2]`, u; of one point where there is no way, nor where one begins inside a wall that cuts
+            off the position.
 
         Raises:
             ConfigError: the positions have another shape, or lie outside the arena.
@@ -155,9 +156,9 @@ class TimeToGo:
                 f"positions has the shape {list(points.shape)}; give one for all, [2], or one for each of {number} "
                 "goals, [B, 2]."
             )
-        paths = [[point] for point in points]
+        paths, cut_off = [[point] for point in points], self._cut_off(points)
         for _, after, still in self._legs(points):
-            for path, point, goes_on in zip(paths, after, still, strict=True):
+            for path, point, goes_on in zip(paths, after, still & ~cut_off, strict=True):
                 if goes_on:
                     path.append(point)
         made = [np.array(path) for path in paths]
@@ -203,11 +204,25 @@ class TimeToGo:
         lines = Figure().subplots().contour(self.x, self.y, steps, self.levels(index)).allsegs
         return [line for level in lines for line in level if len(line) > 1]
 
+    def _cut_off(self, positions: Floats) -> NDArray[np.bool_]:
+        """Whether positions `[B, 2]` have no way but from a node inside a wall, from which models imagine a way out.
+
+        That node is not `clear`, and others as near have no way. In fog, where no node is clear, those have.
+        """
+        near, total = self._near(positions)
+        hidden = [np.ma.getmaskarray(self.clear(index)).ravel()[node] for index, node in enumerate(total.argmin(1))]
+        cut_off: NDArray[np.bool_] = (near & np.isinf(total)).any(1) & np.array(hidden, bool)
+        return cut_off
+
+    def _near(self, positions: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """Whether nodes are near positions `[B, 2]`, and what the ways over these cost: `[B, N]`; infinite for none."""
+        distance = np.linalg.norm(self._nodes - positions[:, None], axis=-1)
+        near = distance < 1.5 * self._spacing
+        return near, np.where(near, self.steps.reshape(near.shape) + self._pace * distance, np.inf)
+
     def _legs(self, positions: Floats) -> Iterator[tuple[Floats, Floats, NDArray[np.bool_]]]:
         """Legs of the paths from positions `[B, 2]`: begin and end `[B, 2]`, and which paths `[B]` still have one."""
-        each, steps = np.arange(len(positions)), self.steps.reshape(len(positions), -1)
-        distance = np.linalg.norm(self._nodes - positions[:, None], axis=-1)
-        total = np.where(distance < 1.5 * self._spacing, steps + self._pace * distance, np.inf)
+        each, (_, total) = np.arange(len(positions)), self._near(positions)
         node, here = total.argmin(1), positions
         there, still = self._nodes[node], np.isfinite(total.min(1))
         while still.any():

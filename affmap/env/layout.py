@@ -129,6 +129,17 @@ class Arena(Settings):
         return math.hypot(*(side - 2 * (self.start_margin + self.start_side) for side in self.size))
 
 
+def hidden_key(circles: Sequence[Circle]) -> tuple[int, int] | None:
+    """Indices of a key that lies wholly inside something solid, and of that; None if there is none."""
+    keys = [index for index, circle in enumerate(circles) if circle.effect == "key"]
+    solids = [index for index, circle in enumerate(circles) if circle.effect in SOLID]
+    for key, solid in product(keys, solids):
+        inner, outer = circles[key], circles[solid]
+        if math.dist(inner.center, outer.center) + inner.radius <= outer.radius:
+            return key, solid
+    return None
+
+
 class Layout(Arena):
     """A layout: an arena and its circles. `Layout.load("layout", "fog")` reads that of `conf/layout/fog.yaml`."""
 
@@ -159,6 +170,17 @@ class Layout(Arena):
                 raise ValueError(
                     f"circles[{index}].channel = {circle.channel!r} is not one of channels {list(self.channels)}."
                 )
+        if "door" in self.effects and "key" not in self.effects:  # an opened layout has keys and no doors
+            number = [circle.effect for circle in self.circles].index("door")
+            raise ValueError(
+                f"circles[{number}] is a door, and there is no key; add a circle with the effect 'key', or give doors "
+                "that never open the effect 'obstacle'."
+            )
+        if hidden := hidden_key(self.circles):
+            key, solid = hidden
+            raise ValueError(
+                f"circles[{key}] is a key inside circles[{solid}], where no vehicle can visit it; move it out."
+            )
         return self
 
     @property

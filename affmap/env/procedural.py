@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout, is_rules
+from affmap.env.layout import MAX_CIRCLES, Arena, Circle, EffectName, Layout, hidden_key, is_rules
 from affmap.env.rules import Rules
 from affmap.env.walls import Walls
 from affmap.random import generator
@@ -80,6 +80,11 @@ class Procedural(Rules):
                 raise ValueError(
                     f"properties[{index}].channel = {kind.channel!r} is not one of channels {list(self.channels)}."
                 )
+        if "door" in self.effects and ("key" not in self.effects or self.count_of != "property"):
+            raise ValueError(
+                f"properties {self.effects} with count_of = {self.count_of!r} allow worlds with a door and no key; add "
+                "a property with the effect 'key', and make count_of = 'property'."
+            )
         for key in ("count", "radius"):
             low, high = getattr(self, key)
             if low > high:
@@ -129,7 +134,7 @@ class Procedural(Rules):
         """
         for _ in range(ATTEMPTS if self._has_area() else 0):  # a vain draw of many circles takes minutes
             circles = self._attempt(rng)
-            if circles is not None:
+            if circles is not None and not hidden_key(circles):
                 return Layout(circles=circles, **{key: getattr(self, key) for key in Arena.model_fields})
         raise ValueError(
             f"layout {self.name!r}: no layout was found, not even with the smallest count and "

@@ -4,7 +4,7 @@ Painters draw the shapes: `rendering` with pygame, `report.drawing.arena` with M
 Lengths are in u.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,18 +128,26 @@ class Scene(NamedTuple):
 
 def circle_marks(layout: Layout, filled: bool = True) -> list[Mark]:
     """A world's circles by their effects, the highest last: filled, with arrows where fields pull, or their rims."""
+    if not filled:
+        each = {name: [circle for circle in layout.circles if circle.effect == name] for name in EFFECTS}
+        return [mark for name in EFFECTS for mark in rims(name, [(*one.center, one.radius) for one in each[name]])]
     marks = []
     for name, effect in EFFECTS.items():
         for circle in (circle for circle in layout.circles if circle.effect == name):
             center, radii, pull = np.array([circle.center]), np.full(2, circle.radius), effect.pull
-            layers = [Layer("#ffffff", 3.0), Layer(effect.color, 1.5)]
-            if filled:  # fields may overlap anything
-                layers = [Layer(effect.color, opacity=0.5 if pull else 0.85)]
-                layers += [Layer(effect.color, 1.2)] if pull else [Layer("#999999", 0.7)] if name == "none" else []
+            layers = [Layer(effect.color, opacity=0.5 if pull else 0.85)]  # fields may overlap anything
+            layers += [Layer(effect.color, 1.2)] if pull else [Layer("#999999", 0.7)] if name == "none" else []
             marks += [Mark(layer, center, radii) for layer in layers]
-            if filled and pull:
+            if pull:
                 along, aside = 0.6 * circle.radius * np.array([pull, (-pull[1], pull[0])])
                 head = center + along
                 wings = [head - 0.35 * along + 0.2 * side * aside for side in (1, -1)]
                 marks.append(Mark(Layer("#595959", 0.7), np.vstack([center - along, head, wings[0], head, wings[1]])))
     return marks
+
+
+def rims(name: str, circles: Iterable[tuple[float, float, float]]) -> list[Mark]:
+    """Rims of circles (x, y and radius) of an effect, in its colour on white, which covers no colour of another."""
+    centers = [(np.array([[x, y]]), np.full(2, radius)) for x, y, radius in circles]
+    layers = Layer("#ffffff", 3.5), Layer(EFFECTS[name].color, 2.0)
+    return [Mark(layer, *each) for layer in layers for each in centers]

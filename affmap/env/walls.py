@@ -75,6 +75,15 @@ class Walls(Rules):
                         f"{list(self.size)} when it moves by shift = {self.shift}; put it on a border, or further "
                         "inside."
                     )
+        # Ends and keys move by shift along both axes, perhaps towards each other.
+        room = self.radius + 2 * math.sqrt(2) * self.shift
+        for number, place in enumerate(self.lock.keys if self.lock else ()):
+            gap = min(_gap(place, *line) for row in self._rows for line in pairwise(row))
+            if gap < room:
+                raise ValueError(
+                    f"lock.keys[{number}] = {list(place)} is {gap:.3g} u from the middle of a wall or door and may be "
+                    f"drawn inside; put it at least {room:.3g} u away (radius = {self.radius}, shift = {self.shift})."
+                )
         length = sum(math.dist(*line) + 4 * self.shift for row in self._rows for line in pairwise(row))
         if length / self.radius > MAX_CIRCLES / 2:
             raise ValueError(
@@ -147,3 +156,10 @@ class Walls(Rules):
         drawn = [value + rng.uniform(-self.shift, self.shift) for value in values]
         borders = 0, self.size[axis]
         return {value: value if value in borders else new for value, new in zip(values, drawn, strict=True)}
+
+
+def _gap(point: Corner, begin: Corner, end: Corner) -> float:
+    """Distance of a point to the line between two others, u."""
+    start, along = np.array(begin), np.subtract(end, begin)
+    share = np.clip((point - start) @ along / max(along @ along, 1e-12), 0, 1)
+    return math.dist(point, start + share * along)

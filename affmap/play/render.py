@@ -20,12 +20,14 @@ from affmap.control.mpc import PlanningAgent
 from affmap.control.pretrained import load, origin
 from affmap.control.settings import GUIDES
 from affmap.control.time_to_go import TimeToGo
+from affmap.env.layout import Layout
 from affmap.env.procedural import first_layout
 from affmap.env.rendering import BLACK, WHITE, Canvas
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.model.lookup import AffordanceMap
 from affmap.model.palette import Palette
+from affmap.model.stack import Stack
 from affmap.play.parser import Parser
 from affmap.results.files import Trajectories
 from affmap.settings import ConfigError, missing
@@ -63,7 +65,7 @@ def film(
         member: the member that flies, by default the first of the experiment.
         run: 0 to 3, the corner of the start.
         num_steps: length of the flights, by default that of the experiment's runs.
-        with_map: whether the ground has the colours of the affordance map.
+        with_map: whether the ground has the colours of the affordance map, once doors are open that without them.
 
     Raises:
         ConfigError: there are no such models, world, planner or guide.
@@ -78,29 +80,37 @@ def film(
         if guide is not None:
             agent.settings = agent.settings.model_copy(update={"guide": guide})
         paths = Trajectories(**fly(agent, first, steps=num_steps).trajectories)
-        extras: dict[str, Any] = {"goal_radius": agent.settings.goal_radius}
-        if with_map and context_size:
-            codes = AffordanceMap.paint(agent.stack, [first.map], SPACING).codes[0].numpy()
-            extras["ground"] = Palette.fit(codes.reshape(-1, context_size))(codes)
+        grounds = _grounds(agent.stack, first) if with_map and context_size else {}
         title = f"context code of {context_size}" if context_size else "no context code"
         title = f"{transition}, C = {context_size}" if transition else title
         scenes = [paths.scene(run, step, first, vehicle(agent).radius) for step in range(paths.action.shape[1])]
-        scenes = [scene._replace(**extras) for scene in scenes]
-        films.append(_pictures(_with_ways(scenes, bring(agent, first)), title))
+        near = agent.settings.goal_radius
+        scenes = [scene._replace(goal_radius=near, ground=grounds.get(scene.layout)) for scene in scenes]
+        films.append(_pictures(_with_ways(scenes, bring(agent, first), first), title))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
         row = [part for picture in pictures for part in (picture, gap)]
         yield np.concatenate(row[:-1], axis=1)
 
 
-def _with_ways(scenes: Sequence[Scene], agent: Controller) -> Iterator[Scene]:
-    """Scenes of a flight with the ways and times of the map that guides the agent, if one does."""
-    made = None
-    if isinstance(agent, PlanningAgent) and agent.settings.guide != "none":
-        made = TimeToGo.imagine(agent, scenes[0].goal)
-    times = made.lines() if made else ()
+def _grounds(stack: Stack, layout: Layout) -> dict[Layout, np.ndarray]:
+    """Colours of the affordance maps of a layout and, where it has doors, of the opened one: `[Y, X, 3]` each."""
+    worlds = dict.fromkeys([layout, layout.opened])
+    codes = [AffordanceMap.paint(stack, [world.map], SPACING).codes[0].numpy() for world in worlds]
+    palette = Palette.fit(np.concatenate([each.reshape(-1, each.shape[-1]) for each in codes]))
+    return {world: palette(each) for world, each in zip(worlds, codes, strict=True)}
+
+
+def _with_ways(scenes: Sequence[Scene], agent: Controller, layout: Layout) -> Iterator[Scene]:
+    """Scenes of a flight that began in a layout, with the ways and times of the map that guides the agent, if any."""
+    if not isinstance(agent, PlanningAgent) or agent.settings.guide == "none":
+        yield from scenes
+        return
+    made = TimeToGo.imagine(agent, scenes[0].goal)
+    maps = {layout: made, layout.opened: made.opened or made}
+    times = {world: each.lines() for world, each in maps.items()}
     for scene in scenes:
-        yield scene._replace(way=made.paths(scene.position)[0], times=times) if made else scene
+        yield scene._replace(way=maps[scene.layout].paths(scene.position)[0], times=times[scene.layout])
 
 
 def _pictures(scenes: Iterable[Scene], title: str) -> Iterator[Frame]:

@@ -58,6 +58,8 @@ def layout(layout: AnyLayout, *, vehicle: AnyVehicle | None = None, ax: Axes | N
 def affordance_map(source: Agent | AffordanceMap, *, index: int = 0, ax: Axes | None = None) -> Axes:
     """Draw an affordance map: the codes' first three principal components as red, green and blue, circles outlined.
 
+    Keys and doors that they open have colours of their own.
+
     Args:
         source: a map; or an agent, whose map is painted where it looks up codes exactly.
         index: of the map among those of all members (and worlds).
@@ -76,13 +78,15 @@ def affordance_map(source: Agent | AffordanceMap, *, index: int = 0, ax: Axes | 
     x, y = (np.linspace(0, side, num) for side, num in zip(world.size, (num_columns, num_rows), strict=True))
     with canvas(ax) as axes:
         arena.affordance_map(axes, painted.picture(index), x, y, world)
+        arena.lock(axes, world)
     return axes
 
 
 def time_to_go(agent: Agent, goal: ArrayLike | TimeToGo, *, index: int = 0, ax: Axes | None = None) -> Axes:
     """Draw times to go to a goal as lines over an affordance map: what actions do here, and in the whole arena.
 
-    Numbers are steps and what their uncertainty costs (`affmap.TimeToGo`); the goal is a cross.
+    Numbers are steps and what their uncertainty costs (`affmap.TimeToGo`); the goal is a cross. With doors they are
+    those before a key is visited; those after it are drawn of an agent in the opened world and of `ways.opened`.
 
     Args:
         agent: an agent with a context code.

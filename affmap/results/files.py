@@ -243,8 +243,12 @@ class Trajectories(NamedTuple):
     """`[B]`."""
 
     def scene(self, index: int, step: int, layout: Layout, radius: float) -> Scene:
-        """The moment at which run `index` of the B makes the plan of a step, for a vehicle of `radius` (u)."""
+        """The moment at which run `index` of the B makes the plan of a step, for a vehicle of `radius` (u).
+
+        Doors of the `layout` in which the run began are gone once it has been at a key.
+        """
         past, moment = self.position[index, : step + 1], (index, step)
+        layout = layout.opened if layout.are_open(past)[-1] else layout
         lost = bool(step and self.in_fog[index, step - 1])
         scene = Scene(layout, radius, past[-1], self.goal[index], past=past, start=past[0], in_fog=lost)
         return scene._replace(

@@ -242,6 +242,20 @@ def test_a_key_out_of_reach_opens_nothing() -> None:
     np.testing.assert_allclose(made.subgoals([[0.2, 0.1]], 0.3), made.goals)
 
 
+def test_no_way_begins_inside_a_wall() -> None:
+    """From the fourth of the nodes, from where alone a way out is imagined, at great cost; in fog each has such one."""
+    costs = np.full((1, 8, 1, 8), np.inf)
+    costs[:, 0, :, 3:] = [40, 2, 2, 2, 2]
+    x, y, goal = np.arange(1, 9) / 10, np.array([0.1]), np.array([[0.89, 0.1]])
+    wall = TimeToGo(costs, x, y, goal, 25.0)
+    for position in ([0.31, 0.1], [0.34, 0.1]):
+        np.testing.assert_allclose(wall.paths(position)[0], [position])
+    np.testing.assert_allclose(wall.paths([0.47, 0.1])[0][:, 0], [0.47, 0.5, 0.6, 0.7, 0.8, 0.89], err_msg="behind it")
+    costs[:, 0, :, :4] = [2, 40, 40, 40]
+    fog = TimeToGo(costs, x, y, goal, 25.0)
+    assert fog.clear().mask[0, 1:4].all() and len(fog.paths([0.31, 0.1])[0]) > 5
+
+
 def test_a_key_at_the_goal_costs_nothing_more() -> None:
     """An edge of no length: its node is a goal of both layers."""
     np.testing.assert_allclose(with_a_key(7).steps[0, 0], [*NONE, 4, 2, 0])

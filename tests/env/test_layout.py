@@ -27,6 +27,10 @@ def circle(**changes: Any) -> dict[str, Any]:
     return {"center": [1.5, 1.0], "radius": 0.2, "effect": "obstacle", "channel": "solid", **changes}
 
 
+KEY = circle(effect="key", center=[1.59, 1.0], radius=0.1)
+"""Just inside the circle."""
+
+
 def original(**changes: Any) -> Layout:
     return Layout.load("layout", "original", **changes)
 
@@ -83,6 +87,9 @@ def test_the_original_is_the_paper_s_size_with_six_obstacles() -> None:
         ({"start_margin": -0.1}, ["start_margin = -0.1", "greater than 0"]),
         ({"acts": "edge"}, ["acts = 'edge'", "'center' or 'rim'"]),
         ({"acts": None}, ["acts = None", "'center' or 'rim'"]),
+        ({"circles": [circle(), circle(effect="door")]}, ["circles[1] is a door, and there is no key", "'obstacle'"]),
+        ({"circles": [circle(), KEY]}, ["circles[1] is a key inside circles[0]", "move it out"]),
+        ({"circles": [KEY, circle(effect="door")]}, ["circles[0] is a key inside circles[1]", "move it out"]),
     ],
 )
 def test_bad_input_is_named_with_call_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:
@@ -332,7 +339,14 @@ def test_an_opened_layout_has_all_but_the_doors() -> None:
     assert tuple(layout.obstacles) == layout.circles[:1] and not layout.opened.obstacles
     assert pickle.loads(pickle.dumps(layout)) == layout != layout.opened
     with pytest.raises(ConfigError, match="blocks the start corner"):
-        original(circles=[circle(effect="door", center=[0.2, 0.2])]).check_corners(0.06)
+        original(circles=[circle(effect="door", center=[0.2, 0.2]), KEY]).check_corners(0.06)
+
+
+def test_a_key_need_not_have_a_door_nor_be_wholly_free() -> None:
+    """An opened layout, read back from its own values; and a key of which a part is outside of the obstacle."""
+    values = doors().opened.model_dump()
+    assert Layout.checked(values, "here") == doors().opened
+    assert original(circles=[circle(), KEY | {"center": [1.61, 1.0]}]).effects == ["obstacle", "key"]
 
 
 def test_doors_are_open_from_the_first_visit_of_a_key() -> None:

@@ -407,11 +407,11 @@ DOOR = (1.5, 1.0, 0.3, "door")
 
 
 def test_a_door_blocks_as_an_obstacle_does() -> None:
-    """Bit for bit, as long as no key was visited: also if there is one that the vehicle's rim touches."""
+    """Bit for bit, as long as no key was visited: one far away, and one that the vehicle's rim touches."""
     start, actions = np.array([0.3, 1.0]), np.tile(RIGHT, (60, 1))
     expected = fly(Physics(world((*DOOR[:3], "obstacle")), VEHICLE, start), actions)
-    for others in ([], [(0.3, 1.12, 0.11, "key")]):
-        physics = Physics(world(DOOR, *others), VEHICLE, start)
+    for key in ((2.5, 1.5, 0.1, "key"), (0.3, 1.12, 0.11, "key")):
+        physics = Physics(world(DOOR, key), VEHICLE, start)
         np.testing.assert_array_equal(fly(physics, actions), expected)
         assert physics.touching and physics.layout.obstacles
 

@@ -331,6 +331,19 @@ def obstacle(**changes: Any) -> dict[str, Any]:
     return {"effect": "obstacle", "channel": "solid", "spaced": True, **changes}
 
 
+DOORS = [obstacle(effect=effect, spaced=False) for effect in ("door", "key", "obstacle")]
+
+
+def test_each_world_with_doors_has_a_key_that_can_be_visited() -> None:
+    """Circles that may overlap anything, of very different sizes: some key would be inside another circle."""
+    rules = easy(properties=DOORS, count_of="property", count=[3, 3], radius=[0.05, 0.5])
+    for seed in range(20):
+        circles = rules.draw(generator(seed, "doors")).circles
+        solid = [circle for circle in circles if circle.effect != "key"]
+        for key in (circle for circle in circles if circle.effect == "key"):
+            assert all(math.dist(key.center, each.center) > each.radius - key.radius for each in solid)
+
+
 @pytest.mark.parametrize(
     ("changes", "parts"),
     [
@@ -363,6 +376,8 @@ def obstacle(**changes: Any) -> dict[str, Any]:
             ["count = [1, 300] of each of 4 properties", "up to 1200 circles", "at most 1000"],
         ),
         ({"circles": []}, ["circles = []", "not a known key"]),
+        ({"properties": [obstacle(effect="door")], "count_of": "property"}, ["properties ['door'] with", "no key"]),
+        ({"properties": DOORS, "count_of": "world"}, ["count_of = 'world' allow worlds with a door and no key"]),
     ],
 )
 def test_bad_input_is_named_with_call_key_value_and_remedy(changes: dict[str, Any], parts: list[str]) -> None:

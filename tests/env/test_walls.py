@@ -87,6 +87,14 @@ def test_doors_are_rows_that_end_in_walls_and_keys_move_with_them() -> None:
     assert walls(lock=LOCK).effects == ["obstacle", "door", "key"] and "doors: 1, keys: 2" in repr(walls(lock=LOCK))
 
 
+def test_keys_are_never_drawn_inside_walls() -> None:
+    """A key as near to a door as is allowed, which moves a lot: in each of many draws its centre is outside."""
+    rules = walls(lock=LOCK | {"keys": [[2.0 + 0.1 + 0.15 * 2**1.5, 1.5]]}, shift=0.15)
+    for seed in range(50):
+        *solid, key = rules.draw(generator(seed, "w")).circles
+        assert min(np.hypot(*np.subtract(each.center, key.center)) for each in solid) > 0.1
+
+
 def test_the_way_to_the_nearest_key_leads_away_from_the_goal() -> None:
     """In every draw of `doors`, from all corners; and no straight line to the goal comes near a key."""
     rules = load("doors")
@@ -94,9 +102,11 @@ def test_the_way_to_the_nearest_key_leads_away_from_the_goal() -> None:
     for seed in range(SEEDS):
         layout = rules.draw(generator(seed, "world", 0))
         keys = np.array([each.center for each in layout.circles if each.effect == "key"])
+        solid = tuple(each.model_copy(update={"effect": "obstacle"}) for each in layout.obstacles)
+        shut = layout.model_copy(update={"circles": solid})
         for corner in range(4):
             start, goal = (layout.corner(index).mean(0) for index in (corner, 3 - corner))
-            assert not crossable(layout.model_copy(update={"circles": tuple(layout.obstacles)}), VEHICLE, start, goal)
+            assert not crossable(shut, VEHICLE, start, goal)
             nearest = keys[np.linalg.norm(keys - start, axis=1).argmin()]
             assert np.linalg.norm(nearest - goal) > np.linalg.norm(start - goal) + 0.1
             line = np.linspace(start, goal, 50)[:, None]
@@ -132,6 +142,11 @@ def test_an_environment_flies_in_them() -> None:
         ({"lock": LOCK | {"key_channel": "moon"}}, "key_channel = 'moon' is not one of channels"),
         ({"lock": LOCK | {"keys": [[0.01, 1.0]]}}, "lock has the corner [0.01, 1.0]"),
         ({"lock": LOCK | {"keys": []}}, "lock.keys"),
+        ({"lock": LOCK | {"keys": [[0.5, 0.5], [1.5, 1.0]]}}, "lock.keys[1] = [1.5, 1.0] is 0 u from the middle of a"),
+        (
+            {"lock": LOCK | {"keys": [[2.3, 1.4]]}, "shift": 0.15},
+            "may be drawn inside; put it at least 0.524 u away",
+        ),
         ({"lock": LOCK | {"key_radius": 0}}, "greater than 0"),
     ],
 )

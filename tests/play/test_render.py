@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import imageio.v3 as imageio
@@ -11,8 +12,9 @@ import pytest
 
 import affmap
 from affmap.env.effects import EFFECTS
+from affmap.env.layout import Layout
 from affmap.env.procedural import first_layout
-from affmap.env.scene import LAYERS
+from affmap.env.scene import LAYERS, Scene
 from affmap.play import render as film
 
 
@@ -62,6 +64,40 @@ def test_a_guided_agent_shows_its_way() -> None:
         (frame,) = film.film("exp5", [8], layout="trap", guide=guide, num_steps=1, with_map=False)
         shown[guide] = int((frame == [*color][:3]).all(-1).sum())
     assert shown["none"] == 0 and shown["time_to_go"] > 50
+
+
+def test_doors_open_in_a_film(monkeypatch: pytest.MonkeyPatch) -> None:
+    """World, map, ways and times to go of each moment are those before or after the visit of the key on the way."""
+    scenes: list[Scene] = []
+
+    def watched(given: Iterable[Scene], title: str) -> Iterator[np.ndarray]:
+        scenes.extend(given)
+        return iter([])
+
+    circles = [((0.5, 0.4), 0.12, "key"), *(((1.5, y), 0.12, "door") for y in np.linspace(0, 2, 21))]
+    values = [
+        {"center": center, "radius": radius, "effect": effect, "channel": effect} for center, radius, effect in circles
+    ]
+    layout = Layout.load("layout", "training_doors", circles=values)
+    monkeypatch.setattr(film, "first_layout", lambda *names: layout)
+    monkeypatch.setattr(film, "_pictures", watched)
+    list(film.film("exp7_doors", [8], guide="time_to_go", num_steps=20))
+    is_open = layout.are_open(np.stack([scene.position for scene in scenes]))
+    assert not is_open[0] and is_open[-1]
+    for scene, opened in zip(scenes, is_open, strict=True):
+        assert scene.layout == (layout.opened if opened else layout) and scene.ground is not None
+        last = scenes[-1] if opened else scenes[0]
+        assert last.ground is not None and np.array_equal(scene.ground, last.ground)
+        assert scene.times is last.times and scene.way is not None
+    before, after = scenes[0], scenes[-1]
+    agent = affmap.load("exp7_doors", context_size=8)
+    made = affmap.TimeToGo.imagine(
+        affmap.load("exp7_doors", members=[agent.seeds[0]]).elsewhere([layout.map]), before.goal
+    )
+    assert made.opened is not None
+    for scene, one in ((before, made), (after, made.opened)):
+        np.testing.assert_allclose(np.concatenate(scene.times), np.concatenate(one.lines()))
+        np.testing.assert_allclose(scene.way, one.paths(scene.position)[0])
 
 
 def test_of_rules_for_worlds_the_member_s_first_is_flown() -> None:

@@ -8,7 +8,7 @@ import torch
 from handmade import ORIGINAL, PLANNER, SETTINGS, TWO, make_map, make_runs, make_stack
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from numpy.testing import assert_allclose, assert_array_equal
@@ -17,6 +17,7 @@ import affmap
 from affmap.control.agent import Agent
 from affmap.control.oracle import Oracle
 from affmap.control.time_to_go import TimeToGo
+from affmap.env.effects import EFFECTS
 from affmap.env.layout import Layout
 from affmap.env.procedural import Procedural
 from affmap.model.lookup import AffordanceMap, ExactLookup
@@ -119,6 +120,23 @@ def test_lines_of_equal_times_are_where_the_times_are_equal() -> None:
     for level, path in zip(ways.levels(), lines.get_paths(), strict=True):
         points = path.vertices[np.abs(path.vertices - (0.1, 1.0)).min(1) > 0.1]  # not in the cells of the kink
         assert_allclose(100 * np.abs(points - (0.1, 1.0)).sum(1) - 10, level, atol=1e-6)
+
+
+def test_keys_and_doors_have_their_colours() -> None:
+    """Over the map of a world with both: a rim each, on white, at their places; none once the doors are open."""
+    values = [(0.75, 0.5, "obstacle"), (1.5, 1.0, "door"), (2.0, 1.0, "door"), (0.5, 1.5, "key")]
+    circles = [{"center": [x, y], "radius": 0.2, "effect": name, "channel": "solid"} for x, y, name in values]
+    layout = Layout.load("layout", "original", circles=circles)
+    stack = make_stack(3)
+    for world, effects in ((layout, ("key", "door")), (layout.opened, ())):
+        ax = affmap.plot.affordance_map(AffordanceMap.paint(stack, [world.map], spacing=0.1), ax=axes())
+        ellipses = [each for each in ax.patches if type(each) is Ellipse]
+        found = {
+            (to_hex(each.get_edgecolor()), tuple(np.ravel(each.center).tolist()), each.width / 2) for each in ellipses
+        }
+        expected = [each for each in layout.circles if each.effect in effects]
+        colors = {each: (EFFECTS[each.effect].color, "#ffffff") for each in expected}
+        assert found == {(color, each.center, each.radius) for each in expected for color in colors[each]}
 
 
 def test_scraps_of_lines_are_not_drawn() -> None:

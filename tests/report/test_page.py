@@ -227,6 +227,30 @@ def test_a_moment_has_the_marks_of_its_scene(page: Page, results: dict[str, Resu
             assert one.get("radii") == (None if mark.radii is None else pytest.approx(mark.radii, abs=1e-3))
 
 
+def test_doors_are_gone_once_a_key_was_visited(
+    page: Page, results: dict[str, Results], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run past a key: circles of the moments before and after, against `Trajectories.scene`."""
+    found = results["exp1"]
+    job = found.settings[0]
+    paths, radius = found.trajectories(job), found.vehicle_radius(job)
+    values = {"radius": 0.1, "channel": "solid"}
+    door = {"center": (1.5, 1.0), "effect": "door", **values}
+    keys = [{"center": (*path[9].tolist(),), "effect": "key", **values} for path in paths.position]
+    layouts = [Layout.load("layout", "original", circles=[door, key]) for key in keys]
+    monkeypatch.setattr(type(found), "run_layouts", lambda *job: layouts)
+    data = players.player(found, SETTINGS)["data"]
+    number = next(place for place, run in enumerate(data["runs"]) if run["choice"][-1] == "run 2 of member 0")
+    for step, circles in ((0, 2), (9, 1), (17, 1)):
+        shown = page.evaluate(
+            "([data, run, step]) => moment(data, open(data.runs[run], data), step)", [data, number, step]
+        )
+        marks = paths.scene(2, step, layouts[2], radius)._replace(view=True).marks()
+        assert [mark["layer"] for mark in shown] == [mark.layer._asdict() for mark in marks]
+        assert len(data["worlds"][data["runs"][number]["world"]]["circles"]) == 2
+        assert len([mark for mark in shown if mark["layer"]["color"] in ("#a0522d", "#f0c808")]) == circles
+
+
 def _assert_view(player: Locator, world: Layout, position: np.ndarray) -> None:
     """The pictures of the view have the pixels that the vehicle sees, the lowest row last."""
     read = """canvas => [...canvas.getContext("2d").getImageData(0, 0, 11, 11).data].filter((_, i) => i % 4 === 3)"""

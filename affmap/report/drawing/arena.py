@@ -19,7 +19,7 @@ from matplotlib.path import Path
 from affmap.env.effects import EFFECTS
 from affmap.env.geometry import CELL, reachable
 from affmap.env.layout import Layout
-from affmap.env.scene import LAYERS, Mark, Scene, circle_marks
+from affmap.env.scene import LAYERS, Mark, Scene, circle_marks, rims
 from affmap.model.palette import Palette
 from affmap.results.files import Floats, Maps
 from affmap.view import VisibleLayout
@@ -62,6 +62,13 @@ def affordance_map(ax: Axes, colors: Floats, x: Floats, y: Floats, world: Visibl
     for center_x, center_y, radius, _ in world.circles:
         ax.add_patch(Disc((center_x, center_y), radius, fill=False, ec="black", lw=0.5))
     return arena(ax, world)
+
+
+def lock(ax: Axes, world: VisibleLayout) -> Axes:
+    """Outline the keys and the doors of a visible layout in their colours."""
+    doors = [(x, y, radius) for x, y, radius, _ in set(world.circles) - set((world.opened or world).circles)]
+    paint_marks(ax, [*rims("key", world.keys), *rims("door", sorted(doors))])
+    return ax
 
 
 def arena(ax: Axes, world: Layout | VisibleLayout) -> Axes:

@@ -28,7 +28,8 @@ function moment({ layers, throttles }, run, step) {
     goal: [1, -1].map((side) => at(run.goal, size("goal"), [[-1, -side], [1, side]])),
   };
   const marks = Object.entries(layers).map(([name, layer]) => (shapes[name] ?? []).map((each) => ({ layer, ...each })));
-  return [...run.world.circles, ...marks.flat()];
+  const { circles } = step < run.opens ? run.world : run.opened;
+  return [...circles, ...marks.flat()];
 }
 
 /** Rows of two numbers, without those that are missing. */

@@ -87,7 +87,8 @@ function open(chosen, { worlds }) {
     const width = packed.shape.slice(1).reduce((product, length) => product * length, 1);
     return (step) => values.subarray(step * width, (step + 1) * width);
   };
-  const run = { ...chosen, world: worlds[chosen.world], steps: chosen.action.shape[0], viewShape: chosen.view.shape };
+  const [world, opened] = [worlds[chosen.world], worlds[chosen.opened]];
+  const run = { ...chosen, world, opened, steps: chosen.action.shape[0], viewShape: chosen.view.shape };
   for (const name of ["position", "planned", "std", "action", "error"]) run[name] = rows(chosen[name]);
   for (const name of ["touching", "in_fog", "reached", "view"]) run[name] = unpackBits(chosen[name]);
   run.code = chosen.code && rows(chosen.code);

@@ -106,6 +106,8 @@ def _runs(
                     f"run {number} of member {member}",
                 ],
                 "world": worlds.setdefault(world, len(worlds)),
+                "opened": worlds.setdefault(world.opened, len(worlds)),
+                "opens": int((~world.are_open(path)).sum()),  # the step from which on doors are gone
                 "goal": paths.goal[index].round(3).tolist(),
                 "position": pack(path, LENGTH),
                 "planned": pack(paths.planned_position[index], LENGTH),
