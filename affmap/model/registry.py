@@ -55,6 +55,11 @@ Encoder = Literal["plain", "centered", "channels"]
 """Kind of codes of a view, see `affmap.model.vision`."""
 
 
+def unit_ends(context_size: int, num_channels: int) -> list[int]:
+    """Ends of the units of each of K channels in codes by `channels`: C / K units for each, rounded."""
+    return [channel * context_size // num_channels for channel in range(1, num_channels + 1)]
+
+
 class CodeSettings(Settings):
     """Codes that a transition model asks for: their encoder, and terms of the training loss that shape them."""
 

@@ -84,6 +84,7 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
         (["planer.horizon=3"], "planer is not a known key; did you mean planner?"),
         (["planner.horizn=3"], "planner.horizn is not a known key; did you mean planner.horizon?"),
         (["experimnt=exp1"], "experimnt is not a known key; did you mean experiment?"),
+        (["experiment=exp6_radii", "lerner=given"], "lerner is not a known key; did you mean learner?"),
         (["model/trnsition=gru"], "model/trnsition is not a known key; did you mean model/transition?"),
         (["hydra.launcher.njobs=2"], "hydra.launcher.njobs is not a known key; did you mean hydra.launcher.n_jobs?"),
         (["device=cuda"], "device is not a known key; did you mean control.device?"),
@@ -213,6 +214,23 @@ def test_of_swept_files_that_say_the_same_one_is_to_be_left_out() -> None:
     with pytest.raises(ConfigError, match=f"have the same results; leave one of them out: {remedy}.$"):
         read_sweep(line)
     assert len(read_sweep([*line, remedy]).configs) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        (["learner=given"], "world=four_properties"),  # it names the layouts of training only
+        (["learner=given", "world=four_properties", "control_layout=fog"], "control_layout=four_properties"),
+        (["control_layout=spiral"], "control_layout=original"),
+    ],
+)
+def test_of_other_channels_than_the_models_a_layout_is_named_that_has_theirs(line: list[str], remedy: str) -> None:
+    """As the paper's worlds have: one with the four properties, or obstacles alone; with it, there are jobs."""
+    with pytest.raises(ConfigError, match=f"a model sees the same ones everywhere, so say {remedy}.$"):
+        Sweep.read(line)
+    key = remedy.partition("=")[0]
+    rest = [each for each in line if each.partition("=")[0] != key]
+    assert Sweep.read([*rest, remedy]).configs
 
 
 @pytest.mark.parametrize("key", ["world", "control_layout", "map_layout", "training_layouts"])
