@@ -1,7 +1,8 @@
 """Do what a page of the documentation says, in the folder where one is: `python tests/pages.py docs/howto/layout.md`.
 
 In order of the page: a block that begins with a comment that is the name of a file is written to that file, a `diff` is
-applied, `python` runs in one namespace, `bash` in a shell. All other blocks are for reading only.
+applied, `python` runs in one namespace, `bash` in a shell, after which Python begins anew. All other blocks are for
+reading only.
 """
 
 import re
@@ -25,8 +26,12 @@ def blocks(page: Path) -> Iterator[Block]:
         yield Block(found[1], found[2], text.count("\n", 0, found.start(2)) + 1)
 
 
+FRESH = {"__name__": "__main__"}
+"""Where Python begins."""
+
+
 def follow(page: Path) -> None:
-    namespace: dict[str, Any] = {"__name__": "__main__"}
+    namespace: dict[str, Any] = {**FRESH}
     for language, text, line in blocks(page):
         if name := re.match(r"(?:# @.+\n)?# ([\w./]+\.\w+)\n", text):
             Path(name[1]).parent.mkdir(parents=True, exist_ok=True)
@@ -37,6 +42,7 @@ def follow(page: Path) -> None:
             exec(compile("\n" * (line - 1) + text, page, "exec"), namespace)
         elif language == "bash":
             subprocess.run(["bash", "-ec", text], check=True)
+            namespace = {**FRESH}
 
 
 if __name__ == "__main__":

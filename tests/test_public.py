@@ -125,7 +125,7 @@ def test_objects_introduce_themselves_in_a_line() -> None:
     assert repr(stack) == f"Stack(2 members, C = 3, K = 4, MLP, {own:,} weights each)"
     assert repr(affmap.ExactLookup(stack, [world.map, empty.map])) == "ExactLookup(2 worlds)"
     assert repr(lookup) == "AffordanceMap(2 maps of 7 x 5 nodes 0.5 u apart, C = 3)"
-    assert repr(agent) == f"Agent(2 members, C = 3, CEMPlanner, {lookup})"
+    assert repr(agent) == f"Agent(2 members, C = 3, mlp, CEMPlanner, {lookup})"
     gru = affmap.Stack(affmap.ModelSettings(context_size=3, transition=GRUSettings()), 4, (0,))
     recurrent = affmap.Agent(gru, affmap.ExactLookup(gru, [world.map]), agent.planner, agent.settings)
     assert repr(recurrent) == "Agent(1 member, C = 3, gru, CEMPlanner, ExactLookup(1 world))"

@@ -15,7 +15,8 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
 from affmap.config import interpolations, memory
-from affmap.config.explain import hydra_errors
+from affmap.config.explain import groups, hydra_errors, options
+from affmap.config.overrides import parse
 from affmap.config.root import Config, plain
 from affmap.settings import ConfigError, check_folder, folder, folders, plain_yaml
 from affmap.settings.base import find
@@ -164,6 +165,7 @@ class OwnFolder(SearchPathPlugin):
 
 @lru_cache(maxsize=64)
 def _compose(overrides: tuple[str, ...], confs: tuple[Path, ...], _modified: int) -> Any:
+    _check_choices(overrides)
     Plugins.instance().register(OwnFolder)  # each time: Hydra's launchers forget what was registered
     with hydra_errors(), initialize_config_dir(str(confs[0]), version_base="1.3"):
         try:
@@ -180,6 +182,19 @@ def _compose(overrides: tuple[str, ...], confs: tuple[Path, ...], _modified: int
             find(group, choice or "")
         interpolations.check(composed)
         return composed
+
+
+def _check_choices(overrides: Sequence[str]) -> None:
+    """Make sure that no override chooses null from a group; Hydra's error would not name the group.
+
+    Raises:
+        ConfigError: one does.
+    """
+    for each in parse(overrides):
+        group = each.key_or_group
+        if group in groups() and each.value() is None and not each.is_delete():
+            files = ", ".join(options(group))
+            raise ConfigError(f"{each.input_line} names no file of conf/{group}; leave it out, or name one: {files}.")
 
 
 def values(composed: Any) -> dict[str, Any]:

@@ -126,7 +126,7 @@ def _choose_layout() -> str:
 
 
 def _nearest_key(key: str, node: Any) -> str | None:
-    """The key of the same part of the configuration that `key` most likely means; else a group, or a key anywhere."""
+    """The key of the same part of the configuration that `key` most likely means; else a key anywhere."""
     if not OmegaConf.is_dict(node):
         return None
     place, dot, name = key.rpartition(".")
@@ -134,12 +134,11 @@ def _nearest_key(key: str, node: Any) -> str | None:
     every = {each.rpartition(".")[2]: each for each in leaves(tree) if "_logging." not in each}
     if key in every:
         return every[key]
-    if near := nearest(name, map(str, node)):
+    beside = [] if place else groups()  # some, such as experiment, are no keys
+    if near := nearest(name, [*map(str, node), *beside]):
         return f"{place}{dot}{near}"
-    if place:
-        return None
-    near = nearest(key, groups()) or nearest(key, every)
-    return every.get(near, near) if near else None
+    near = None if place else nearest(key, every)
+    return every[near] if near else None
 
 
 def _options_with(key: str) -> list[str]:

@@ -3,6 +3,7 @@
 import os.path
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -20,11 +21,12 @@ from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural, is_procedural
 from affmap.env.rules import Rules
 from affmap.env.walls import Walls
+from affmap.model.registry import EffectsSettings, unit_ends
 from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
-from affmap.settings import Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings, lies_in
+from affmap.settings import Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings, lies_in, names
 from affmap.settings.messages import format_value
 from affmap.training.settings import TrainingSettings
 
@@ -191,7 +193,7 @@ class Config(Settings):
                 raise ValueError(
                     f"{key} = {layout.name!r} has channels {list(layout.channels)}, but "
                     f"{self.training_layouts[0].name!r}, where data are collected, has {list(self.channels)}; "
-                    "a model sees the same ones everywhere."
+                    f"a model sees the same ones everywhere{self._elsewhere(key, layout.name)}."
                 )
         for layout in self.training_layouts:
             layout.check_corners(self.vehicle.radius)
@@ -206,6 +208,14 @@ class Config(Settings):
             )
         return self
 
+    def _elsewhere(self, key: str, name: str) -> str:
+        """The end of a sentence on a layout with other channels than those of the data: one that has these."""
+        for other in names("layout") if key != "training_layouts" else ():
+            with suppress(ValueError):  # rules for layouts, or a file with a mistake
+                if _layout(other).channels == self.channels:
+                    return f", so say {'world' if name == self.world else key}={other}"
+        return ""
+
     @model_validator(mode="after")
     def _check_codes(self) -> Self:
         code, size, channels = self.model.code, self.model.context_size, len(self.channels)
@@ -213,6 +223,13 @@ class Config(Settings):
             raise ValueError(
                 f"model.context_size = {size} leaves none of the code for some of {channels} channels, which "
                 f"encoder = 'channels' gives units of their own; make it {channels} or more."
+            )
+        block = code.block_size if isinstance(code, EffectsSettings) else 1
+        if code.encoder == "channels" and any(end % block for end in unit_ends(size, channels)[:-1]):
+            raise ValueError(
+                f"model.context_size = {size} and model.transition.block_size = {block} lay units of several of "
+                f"{channels} channels into one block, which encoder = 'channels' keeps apart; say "
+                f"model.context_size={channels * block} or model.transition.block_size=1."
             )
         return self
 

@@ -29,7 +29,6 @@ from affmap.lazy import notebook
 from affmap.model.code_cache import CachedEncoder
 from affmap.model.direct import DirectEncoder
 from affmap.model.lookup import Lookup
-from affmap.model.registry import MLP_SETTINGS
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack
 from affmap.model.transition import Carry
@@ -77,9 +76,8 @@ class Agent(PlanningAgent):
 
     def __repr__(self) -> str:
         members, size = counted(len(self.seeds), "member"), self.stack.context_size
-        kind = self.stack.settings.transition.kind
-        kind = "" if kind == MLP_SETTINGS.kind else f"{kind}, "
-        return f"Agent({members}, C = {size}, {kind}{type(self.planner).__name__}, {self.lookup!r})"
+        kind, planner = self.stack.settings.transition_name, type(self.planner).__name__
+        return f"Agent({members}, C = {size}, {kind}, {planner}, {self.lookup!r})"
 
     @property
     def seeds(self) -> tuple[int, ...]:

@@ -52,7 +52,8 @@ def load(
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.) A saved agent can be brought into any layout.
         transition: the transition model, such as `gru`, of those that the experiment has, or the name of how it learns
-            (`conf/learner`); by default the first.
+            (`conf/learner`), or its name in the report; by default the first. (In `exp6_radii` that is
+            `mlp_one_radius`, the paper's model trained with circles of one radius.)
         threads: of PyTorch, for the affordance map.
 
     Raises:
@@ -232,12 +233,16 @@ def _job(
     if layout not in (None, *layouts):
         raise ConfigError(f"{source} has flights in {', '.join(layouts)}, and none in {layout!r}.")
     jobs = [job for job in record["jobs"] if job["context_size"] == context_size and layout in (None, job["layout"])]
+    if transition is None:
+        return jobs[0]
     kinds = [_transition(record, job) for job in jobs]
-    if transition not in (None, *kinds):
-        raise ConfigError(
-            f"{source} has the transition models {', '.join(dict.fromkeys(kinds))}; none is {transition!r}."
-        )
-    return next(job for job, kind in zip(jobs, kinds, strict=True) if transition in (None, kind))
+    readable = record.get("settings", {}).get("names", {})
+    shown = {kind: readable.get(kind, kind) for kind in kinds}  # as in the report
+    for names in (kinds, [shown[kind] for kind in kinds]):
+        if transition in names:
+            return jobs[names.index(transition)]
+    listed = [kind + (f" ({name})" if name.lower() != kind else "") for kind, name in shown.items()]
+    raise ConfigError(f"{source} has the transition models {', '.join(listed)}; none is {transition!r}.")
 
 
 def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:

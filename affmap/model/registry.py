@@ -55,12 +55,20 @@ Encoder = Literal["plain", "centered", "channels"]
 """Kind of codes of a view, see `affmap.model.vision`."""
 
 
+def unit_ends(context_size: int, num_channels: int) -> list[int]:
+    """Ends of the units of each of K channels in codes by `channels`: C / K units for each, rounded."""
+    return [channel * context_size // num_channels for channel in range(1, num_channels + 1)]
+
+
 class CodeSettings(Settings):
-    """Codes that a transition model asks for: their encoder, and terms of the training loss that shape them."""
+    """Codes that a transition model asks for: their encoder, and terms of the training loss that shape them.
+
+    Without a code (C = 0) none of them does anything, so that any model can be swept over context sizes.
+    """
 
     encoder: Annotated[Encoder, Neutral("plain")] = preset()
     """Codes of views: plain, as in the paper; centered, less the code of the empty view; or channels, each channel
-    encoded by itself into units of its own."""
+    encoded by itself into units of its own (a single one as in centered)."""
     paste: Annotated[NonNegative, Neutral(0.0)] = preset()
     """Weight of the condition that the code of two views laid over each other is the sum of their codes. Only views
     that fill different channels are laid over each other, so it does nothing where all worlds fill the same one."""
@@ -113,7 +121,7 @@ class EffectsSettings(CodeSettings):
     kind: Literal["additive", "split"]
     """Whether all effects start from free motion, or blocks act in turn on the motion that others changed."""
     block_size: Count
-    """Units of the code in a block."""
+    """Units of the code in a block; the last one may have fewer. With codes of channels, none has units of two."""
 
     @property
     def in_blocks(self) -> bool:

@@ -31,8 +31,14 @@ class ModelSettings(Settings, defaults="model/default"):
     @property
     def name(self) -> str:
         """Short description that distinguishes it from others."""
-        kind = "" if self.transition == MLP_SETTINGS else f"{self.transition.kind}, "
+        kind = "" if self.transition == MLP_SETTINGS else f"{self.transition_name}, "
         return f"{kind}context size {self.context_size}"
+
+    @property
+    def transition_name(self) -> str:
+        """Kind of the transition model, and that of its codes where they are not the paper's."""
+        encoder = self.code.encoder
+        return self.transition.kind + (f" ({encoder})" if encoder != "plain" else "")
 
 
 class LookupSettings(Settings, defaults="lookup/map"):

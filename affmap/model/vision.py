@@ -20,7 +20,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding
 
 from affmap.model.layers import Generators, StackedLinear, tanh, uniform
-from affmap.model.registry import Encoder
+from affmap.model.registry import Encoder, unit_ends
 from affmap.model.windows import PER_SIDE, Windows, empty_view
 
 
@@ -133,7 +133,7 @@ class VisionModel(nn.Module):
     def units(self) -> list[tuple[int, slice]]:
         """Each of K channels with the units of the code that `channels` gives it: C / K of them, rounded."""
         num_channels, context_size = self.conv1_weight.shape[2], self.linear2.bias.shape[1]
-        ends = [channel * context_size // num_channels for channel in range(num_channels + 1)]
+        ends = [0, *unit_ends(context_size, num_channels)]
         return [(channel, slice(*ends[channel : channel + 2])) for channel in range(num_channels)]
 
     def empty_code(self) -> Tensor:

@@ -14,7 +14,7 @@ from affmap.config.sweep import Sweep
 from affmap.pipeline.job import all_values, find, is_complete
 from affmap.results.design import Design
 from affmap.results.provenance import leaves
-from affmap.results.setting import PLANNER, ReportSettings, Setting, Value
+from affmap.results.setting import ALWAYS, PLANNER, Setting, Value
 from affmap.results.tables import Results, join
 from affmap.settings.messages import ConfigError, few
 
@@ -32,10 +32,12 @@ class Completed(NamedTuple):
     """Settings of agents without a learned model."""
     missing: str
     """A sentence about incomplete settings; empty if there are none."""
+    factors: tuple[str | None, str | None]
+    """The keys on the x axis and by colour; None for one that follows from the settings."""
 
-    def results(self, settings: ReportSettings) -> Results:
-        """The results of these settings, grouped as a report's settings say."""
-        return Results(self.settings, self.growth, settings.x, settings.color, self.baselines)
+    def results(self) -> Results:
+        """The results of these settings, grouped as the settings of the report say."""
+        return Results(self.settings, self.growth, *self.factors, self.baselines)
 
 
 def completed(sweep: Sweep) -> Completed:
@@ -60,18 +62,17 @@ def completed(sweep: Sweep) -> Completed:
         line = sweep.overrides or [f"name={sweep.first.name}"]  # without overrides nothing runs
         raise IncompleteError(f"{sentence}; run `affmap {shlex.join(line)}` first.")
     baseline_complete = [setting for setting in baseline_settings if setting]
-    return Completed(_distinct(join(complete)), growth_setting, join(baseline_complete), sentence)
+    return Completed(_distinct(join(complete)), growth_setting, join(baseline_complete), sentence, _factors(sweep))
 
 
 def report_problem(sweep: Sweep) -> str:
     """The reason why no report can be drawn of a sweep once it is complete; empty if there is none."""
-    settings = sweep.first.report
-    if settings.compare:
+    if sweep.first.report.compare:
         return ""
     planned = [all_values(config, values) for config, values in zip(sweep.configs, _values(sweep), strict=True)]
     distinct = {tuple(values.items()): Setting(values, {}) for values in planned}  # members may be divided among jobs
     try:
-        Design(_distinct(list(distinct.values())), x_key=settings.x, color_key=settings.color).check_factors()
+        Design(_distinct(list(distinct.values())), None, *_factors(sweep)).check_factors()
     except ConfigError as error:
         return str(error)
     return ""
@@ -90,6 +91,13 @@ def complete_elsewhere(sweep: Sweep) -> Path | None:
             if other.first.output == folder and all(is_complete(config) for part in parts for config in part.configs):
                 return folder
     return None
+
+
+def _factors(sweep: Sweep) -> tuple[str | None, str | None]:
+    """The keys of a report's x axis and colour; None for one of the experiment's sweep that is not swept over here."""
+    left = {_dotted(key) for key in sweep.first.sweep.keys() - sweep.values[0]} - {factor.key for factor in ALWAYS}
+    x, color = (None if key in left else key for key in (sweep.first.report.x, sweep.first.report.color))
+    return x, color
 
 
 def _settings(sweep: Sweep) -> list[Setting | None]:

@@ -120,10 +120,13 @@ def check_models(config: Config) -> None:
 def check_report(sweep: Sweep) -> None:
     """Make sure that the keys by which a report groups or compares exist; they need not vary in a part of a sweep.
 
+    Those that the experiment sweeps over do, even if a command gives one value: groups such as `lookahead` are no keys
+    of results.
+
     Raises:
         ConfigError: one of them does not.
     """
-    swept = {key.replace("/", ".") for values in sweep.values for key in values}
+    swept = {key.replace("/", ".") for key in (*sweep.values[0], *sweep.first.sweep)}
     for name in ("compare", "x", "color"):
         key = getattr(sweep.first.report, name)
         if key is None or key in swept:
@@ -156,9 +159,21 @@ def check_members(sweep: Sweep) -> None:
     for same in jobs.values():
         for (one, label), (other, other_label) in pairwise(sorted(same, key=lambda job: job[0].start)):
             if one == other:
-                raise ConfigError(f"{label} and {other_label} have the same results; leave one of them out.")
+                remedy = _without(sweep, label, other_label)
+                raise ConfigError(f"{label} and {other_label} have the same results; leave one of them out{remedy}.")
             if other.start < one.stop:
                 raise ConfigError(
                     f"member {other.start} would be in two jobs (seed={one.start} members={len(one)} and "
                     f"seed={other.start} members={len(other)}); give each member to one, as members=5 seed=0,5,10 does."
                 )
+
+
+def _without(sweep: Sweep, label: str, other: str) -> str:
+    """The end of a sentence on two jobs: the sweep without the second, if they differ in the values of one key only."""
+    first, second = (sweep.values[sweep.labels.index(each)] for each in (label, other))
+    different = [key for key in first if first[key] != second[key]]
+    if len(different) != 1:
+        return ""
+    (key,) = different
+    rest = dict.fromkeys(values[key] for values in sweep.values if values[key] != second[key])
+    return f": {key}={','.join(rest)}"

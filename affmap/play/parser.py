@@ -9,6 +9,9 @@ from affmap.cli.app import VERSION, leave, version
 from affmap.control.pretrained import experiments
 from affmap.settings.messages import nearest
 
+TRANSITIONS = "such as split of exp6 or split_one_radius of exp6_radii"
+"""Examples of transition models, for the help of an option."""
+
 
 class Parser(ArgumentParser):
     """Parser whose help begins with the purpose, then the usage; its programs take a source of agents and a world."""

@@ -28,7 +28,7 @@ from affmap.env.vehicle import RENDER_FPS
 from affmap.model.lookup import AffordanceMap
 from affmap.model.palette import Palette
 from affmap.model.stack import Stack
-from affmap.play.parser import Parser
+from affmap.play.parser import TRANSITIONS, Parser
 from affmap.results.files import Trajectories
 from affmap.settings import ConfigError, missing
 
@@ -157,7 +157,11 @@ def check(path: Path) -> None:
 def main() -> None:
     """Run the command `affmap-render`."""
     purpose = "film trained agents that fly from a corner to the opposite one, side by side."
-    examples = "  affmap-render\n  affmap-render exp1 --world two_obstacles --context-size 8\n  affmap-render runs/exp1"
+    examples = (
+        "  affmap-render\n  affmap-render exp1 --world two_obstacles --context-size 8\n  affmap-render runs/exp1\n"
+        "  affmap-render exp6 --world pairs_and_triples --transition mlp split\n"
+        "  affmap-render exp5 --world trap --context-size 8 --guide time_to_go --steps 400"
+    )
     parser = Parser("affmap-render", purpose, examples)
     parser.add_argument(
         "--context-size",
@@ -166,10 +170,13 @@ def main() -> None:
         help="units of codes, side by side (default: the fewest and the most there are)",
     )
     parser.add_argument(
-        "--transition", nargs="+", default=[None], help="transition models, side by side (default: the first there is)"
+        "--transition",
+        nargs="+",
+        default=[None],
+        help=f"transition models, {TRANSITIONS}, side by side (default: the first there is)",
     )
     parser.add_argument("--planner", help="cem or gradient (default: that of the experiment)")
-    parser.add_argument("--guide", choices=GUIDES, help="sub-goals on the way (default: those of the experiment)")
+    parser.add_argument("--guide", choices=GUIDES, help="sub-goals on the way (default: that of the experiment)")
     parser.add_argument("--member", type=int, help="which of the models (default: the first)")
     parser.add_argument("--run", type=int, default=0, choices=range(4), help="the corner to start in (default: 0)")
     parser.add_argument("--steps", type=int, help="how long it flies (default: as the experiment's runs, 200)")

@@ -15,7 +15,7 @@ from affmap.env.rendering import BLACK, WHITE, Canvas, open_window
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.play.game import BETAS, LOOKUPS, Game
-from affmap.play.parser import Parser
+from affmap.play.parser import TRANSITIONS, Parser
 from affmap.results.setting import PLANNERS
 from affmap.settings import ConfigError
 
@@ -273,10 +273,13 @@ def _on(shown: bool) -> str:
 def main() -> None:
     """Run the command `affmap-play`."""
     purpose = "fly the vehicle, or watch a trained agent imagine and fly."
-    examples = "  affmap-play\n  affmap-play exp1 --world two_obstacles\n  affmap-play runs/exp1 --context-size 8"
+    examples = (
+        "  affmap-play\n  affmap-play exp1 --world two_obstacles\n  affmap-play runs/exp1 --context-size 8\n"
+        "  affmap-play exp6 --transition split --world pairs_and_triples"
+    )
     parser = Parser("affmap-play", purpose, examples)
     parser.add_argument("--context-size", type=int, help="units of the context code (default: the most there are)")
-    parser.add_argument("--transition", help="the transition model, such as split (default: the first there is)")
+    parser.add_argument("--transition", help=f"the transition model, {TRANSITIONS} (default: the first there is)")
     arguments = parser.take()
     torch.set_num_threads(1)  # a step is many small operations; more threads wait for each other
     given = arguments.source, arguments.world, arguments.context_size, arguments.transition

@@ -591,6 +591,23 @@ def test_each_channel_has_units_where_channels_are_encoded_apart(
             assert checked(values, **config).model.context_size == size
 
 
+@pytest.mark.parametrize(("world", "refused"), [("training_fog", {4, 5, 6, 7}), ("original", set())])
+def test_a_block_holds_units_of_one_channel(values: Values, world: str, refused: set[int]) -> None:
+    """By hand, blocks of two: six units are 1, 2, 1 and 2 of four channels; nine are 2, 2, 2 and 3, in two blocks.
+
+    Any number will do where there is one channel, or no code.
+    """
+    layouts = {"control_layout": world, "map_layout": world, "training_layouts": [world]}
+    given = content(CONF / "model/transition/split_channels.yaml")
+    for size in (0, *range(4, 10)):
+        config = {**layouts, "model__context_size": size, "model__transition": given}
+        if size in refused:
+            with pytest.raises(ConfigError, match=r"lay units of several .*context_size=8 or .*block_size=1\.$"):
+                checked(values, **config)
+            config["model__transition"] = given | {"block_size": 1}
+        assert checked(values, **config).model.context_size == size
+
+
 def test_every_number_of_a_group_changes_the_stages_of_its_group(values: Values) -> None:
     """Each number of each group in turn, changed a little; so none is forgotten in a digest."""
     first = {"vehicle": "data", "data": "data", "model": "train", "training": "train"}

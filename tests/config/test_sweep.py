@@ -84,6 +84,7 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
         (["planer.horizon=3"], "planer is not a known key; did you mean planner?"),
         (["planner.horizn=3"], "planner.horizn is not a known key; did you mean planner.horizon?"),
         (["experimnt=exp1"], "experimnt is not a known key; did you mean experiment?"),
+        (["experiment=exp6_radii", "lerner=given"], "lerner is not a known key; did you mean learner?"),
         (["model/trnsition=gru"], "model/trnsition is not a known key; did you mean model/transition?"),
         (["hydra.launcher.njobs=2"], "hydra.launcher.njobs is not a known key; did you mean hydra.launcher.n_jobs?"),
         (["device=cuda"], "device is not a known key; did you mean control.device?"),
@@ -193,7 +194,7 @@ def test_the_options_of_a_group_include_files_in_folders() -> None:
             "model.context_size=1,1.0",
             "model.context_size=1 and model.context_size=1.0 have the same results; leave one of",
         ),
-        ("output=a,b", "output=a and output=b have the same results; leave one of them out."),
+        ("output=a,b", "output=a and output=b have the same results; leave one of them out: output=a."),
         (
             "seed=0,5",
             "member 5 would be in two jobs (seed=0 members=25 and seed=5 members=25); give each member to one, ",
@@ -204,6 +205,32 @@ def test_jobs_that_are_the_same_are_told_by_what_makes_them_so(line: str, messag
     """A value that is given twice, values that mean the same, keys that results do not depend on, members."""
     with pytest.raises(ConfigError, match=f"^{re.escape(message)}"):
         read_sweep([line])
+
+
+def test_of_swept_files_that_say_the_same_one_is_to_be_left_out() -> None:
+    """One of Experiment VII's files sets the guide only, which the command line sets for all; the remedy works."""
+    line = ["experiment=exp7_doors", "control.guide=time_to_go"]
+    remedy = "lookahead=horizon_20,horizon_80"
+    with pytest.raises(ConfigError, match=f"have the same results; leave one of them out: {remedy}.$"):
+        read_sweep(line)
+    assert len(read_sweep([*line, remedy]).configs) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        (["learner=given"], "world=four_properties"),  # it names the layouts of training only
+        (["learner=given", "world=four_properties", "control_layout=fog"], "control_layout=four_properties"),
+        (["control_layout=spiral"], "control_layout=original"),
+    ],
+)
+def test_of_other_channels_than_the_models_a_layout_is_named_that_has_theirs(line: list[str], remedy: str) -> None:
+    """As the paper's worlds have: one with the four properties, or obstacles alone; with it, there are jobs."""
+    with pytest.raises(ConfigError, match=f"a model sees the same ones everywhere, so say {remedy}.$"):
+        Sweep.read(line)
+    key = remedy.partition("=")[0]
+    rest = [each for each in line if each.partition("=")[0] != key]
+    assert Sweep.read([*rest, remedy]).configs
 
 
 @pytest.mark.parametrize("key", ["world", "control_layout", "map_layout", "training_layouts"])

@@ -88,14 +88,34 @@ def test_transition_models_have_the_names_by_which_the_sweep_chose_them() -> Non
     for name, encoder in encoders.items():
         vision = affmap.load("exp6", transition=name, members=(201,)).stack.vision
         assert vision is not None and vision.encoder == encoder
-    with pytest.raises(ConfigError, match=r"has the transition models mlp, hyper, .*; none is 'gru'"):
+    listed = r"has the transition models mlp, hyper, additive, split, split_channels \(given\); none is 'gru'\.$"
+    with pytest.raises(ConfigError, match=listed):
         affmap.load("exp6", transition="gru")
     for name, encoder in (("mlp", "plain"), ("split_one_radius", "centered"), ("given", "channels")):
         assert affmap.load("exp6_radii", transition=name, members=(301,)).stack.vision.encoder == encoder
-    with pytest.raises(
-        ConfigError, match=r"has the transition models mlp_one_radius, mlp, .*; none is 'split_channels'"
-    ):
+    listed = r"has the transition models mlp_one_radius \(MLP, one\), mlp, .*, split, given; none is 'split_channels'"
+    with pytest.raises(ConfigError, match=listed):
         affmap.load("exp6_radii", transition="split_channels")
+
+
+def test_transition_models_have_their_names_in_the_report_too() -> None:
+    """Each is the one of the sweep's name; a name of the sweep comes first."""
+    for source, name, meant in [
+        ("exp6", "given", "split_channels"),
+        ("exp6", "MLP", "mlp"),
+        ("exp6_radii", "split, one", "split_one_radius"),
+        ("exp6_radii", "given", "given"),
+    ]:
+        one, other = (affmap.load(source, transition=each).stack for each in (name, meant))
+        assert one.settings == other.settings
+        for weight, same in zip(one.state_dict().values(), other.state_dict().values(), strict=True):
+            assert torch.equal(weight, same)
+
+
+def test_agents_show_their_transition_models_and_codes() -> None:
+    """The two split models of Experiment VI differ in their codes only."""
+    shown = {name: repr(affmap.load("exp6", transition=name)) for name in ("mlp", "split", "given")}
+    assert [text.split(", ")[2] for text in shown.values()] == ["mlp", "split (centered)", "split (channels)"]
 
 
 def test_what_comes_with_the_package_can_be_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

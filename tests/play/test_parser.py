@@ -1,11 +1,14 @@
 """The flags of programs that show agents: one name for one thing, and mistakes in a sentence."""
 
+import re
 import sys
 from importlib.metadata import version
 
 import pytest
 
+from affmap.control.pretrained import load
 from affmap.play import render, window
+from affmap.play.parser import TRANSITIONS
 
 PROGRAMS = {"affmap-play": window.main, "affmap-render": render.main}
 
@@ -38,6 +41,29 @@ def test_other_mistakes_are_told_in_a_sentence(
     number = told(name, monkeypatch, capsys, "--context-size", "x")
     assert number == "argument --context-size: invalid int value: 'x'.\n"
     assert told(name, monkeypatch, capsys, "exp1", "exp2").startswith("exp2 is not known here; there are: --help, ")
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_examples_of_the_help_are_commands_that_the_program_takes(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its parser reads each of them; they show every flag that chooses among agents, of models that there are."""
+    read: list[str] = []
+    module = {"affmap-play": window, "affmap-render": render}[name]
+    monkeypatch.setattr(module, "command", lambda body, resumes: read.append("as a command line"))
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    with pytest.raises(SystemExit):
+        PROGRAMS[name]()
+    text = capsys.readouterr().out
+    examples = [line.split() for line in text.partition("examples:")[2].splitlines() if line.strip()]
+    for example in examples:
+        monkeypatch.setattr(sys, "argv", [*example])
+        PROGRAMS[name]()
+    assert len(read) == len(examples) > 3
+    shown = {word for example in examples for word in example if word.startswith("--")}
+    assert shown >= {flag for flag in ("--context-size", "--transition", "--guide") if f"[{flag} " in text}
+    for model, source in re.findall(r"(\w+) of (\w+)", re.sub(r"\s+", " ", TRANSITIONS)):
+        assert load(source, transition=model)
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
