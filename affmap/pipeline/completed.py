@@ -35,7 +35,7 @@ class Completed(NamedTuple):
 
     def results(self, settings: ReportSettings) -> Results:
         """The results of these settings, grouped as a report's settings say."""
-        return Results(self.settings, self.growth, settings.x, settings.color, self.baselines)
+        return Results(self.settings, self.growth, settings.x, settings.color, self.baselines, settings.names)
 
 
 def completed(sweep: Sweep) -> Completed:

@@ -55,6 +55,7 @@ def results(greedy: float = 0.0, guided: float = 1.0, late: int = 0) -> Any:
         member=np.repeat(np.arange(MEMBERS), RUNS),
     )
     return SimpleNamespace(
+        name=str,
         runs=pd.DataFrame(rows),
         where=lambda values: ["the map"],
         trajectories=lambda setting: paths,
