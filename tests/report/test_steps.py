@@ -148,3 +148,16 @@ def test_without_fog_there_is_no_halo(write_stages: WriteStages, tmp_path: Path)
     clear = Results(tuple(write_stages(tmp_path, (0, 8), ("cem",), members=2, epochs=2)))
     content = content_of(clear, ReportSettings.load("report", "default"))
     assert [row[0] for row in table_of(content.steps())[1]] == ["free", "touching"] and content.halo() == ""
+
+
+def test_the_table_of_the_halo_has_a_column_for_each_model(write_stages: WriteStages, tmp_path: Path) -> None:
+    """Two learners of one context size, with the names of the report, as on the x axis."""
+    learners = [
+        Setting({**setting.values, "learner": name}, setting.folders)
+        for name in ("mlp_one", "split")
+        for setting in write_stages(tmp_path / name, (8,), ("cem",), members=2, epochs=2, experiment="exp4")
+    ]
+    settings = ReportSettings.load("report", "default").model_copy(update={"names": {"mlp_one": "MLP, one"}})
+    heads, rows = table_of(content_of(Results(tuple(learners), x_key="learner"), settings).halo())
+    assert heads == ["Places", "MLP, one", "split"]
+    assert rows == [["up to 0.05 u outside fog", "100%", "100%"], ["farther away", "0%", "0%"]]
