@@ -73,6 +73,22 @@ def test_a_line_is_the_median_of_an_agent_s_runs_in_a_layout() -> None:
     assert [handle.get_label() for handle in handles] == ["oracle", "straight"]
 
 
+def test_each_agent_has_a_style_of_its_own_in_every_report() -> None:
+    """Whichever others there are; one that is not affmap's has a solid line."""
+    every = table(oracle_a=[0.2], seen_a=[0.3], straight_a=[0.4], random_a=[0.5], mine_a=[0.6])
+    two = every[every["planner"].isin(["straight", "random"])]
+    looks = [
+        {
+            str(handle.get_label()): handle
+            for handle in numbers.baselines(panel(0.0, 1.0), runs, "mean_distance", PLANNERS)
+        }
+        for runs in (every, two)
+    ]
+    first, second = ({name: str(line._dash_pattern) for name, line in each.items()} for each in looks)  # type: ignore[attr-defined]
+    assert second == {name: first[name] for name in ("straight", "random")}
+    assert len({*first.values()}) == 5 and looks[0]["mine"].get_linestyle() == "-"  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize(("metric", "middle"), [("reached", mean), ("success", mean), ("steps_touching", median)])
 def test_shares_have_the_mean_and_numbers_the_median(metric: str, middle: Callable[[Any], float]) -> None:
     """Python's own statistics; they differ here."""

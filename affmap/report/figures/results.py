@@ -152,8 +152,10 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
     else:
         parts.append("(D) Mean distance to the goal in control.")
     if results.baselines:
+        seen = any(each.planner == "seen" for each in results.baselines)
         parts.append(
-            "Dashed and dotted lines: agents without a learned model on the same runs; the oracle has true physics."
+            "Dashed and dotted lines: agents without a learned model on the same runs; the oracle has true physics"
+            + (", and “seen” is an oracle that knows no more of the world than views show." if seen else ".")
         )
     if len(results.planners) > 1:
         methods = [f"{short_name(kind)}: {PLANNERS[kind].method}" for kind in results.planners if kind in PLANNERS]
