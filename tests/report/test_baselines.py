@@ -241,3 +241,25 @@ def test_the_report_writes_their_runs(results: dict[str, Results], tmp_path: Pat
         assert ("Agents without a learned model" in page) == expected
     runs = [(tmp_path / output / "tables/runs.csv").read_bytes() for output in ("with", "without")]
     assert runs[0] == runs[1]
+
+
+def test_many_boxes_with_names_have_a_row_a_panel_and_agents_beside_them(results: dict[str, Results]) -> None:
+    """Seven names in two layouts; the bars of the agents are means of the stored tables, and no line hides a box."""
+    names = [f"horizon {letter}" for letter in "abcdefg"]
+    own = [each for each in results["exp5"].settings if each.context_size == 8 and each.planner == "cem"]
+    flown = [Setting({**each.values, "lookahead": name}, each.folders) for name in names for each in own]
+    keys = {"x_key": "lookahead", "color_key": "control_layout"}
+    found, chosen = Results(tuple(flown), **keys, baselines=results["exp5"].baselines), settings("exp5")
+    drawn = outcomes.draw(found, chosen)
+    shown = [f"lookahead = {name}" for name in names] + [*AGENTS]
+    for ax in drawn.figure.axes:
+        assert [label.get_text() for label in ax.get_xticklabels()] == shown and not heights(ax)
+    assert [ax.get_title("left") for ax in drawn.figure.axes] == ["A  Arrivals", "B  Contact", "C  Distance"]
+    easy, hard = ([bar.get_height() for bar in bars] for bars in drawn.figure.axes[0].containers)  # type: ignore[union-attr]
+    means = {pair: float(runs["reached"].mean()) for pair, runs in raw(found).items()}
+    assert easy[7:] == pytest.approx([means[agent, "procedural_easy"] for agent in AGENTS])
+    assert hard[7:] == pytest.approx([means[agent, "procedural_hard"] for agent in AGENTS])
+    assert "Right: agents without a learned model." in drawn.caption
+    few = outcomes.draw(replace(found, settings=tuple(flown[:4])), chosen)
+    assert all(ax.get_subplotspec().get_gridspec().nrows == 1 for ax in few.figure.axes)  # type: ignore[union-attr]
+    assert "Right:" not in few.caption
