@@ -56,7 +56,7 @@ def _paper(paper: Sweep, beyond: bool, publish: bool) -> None:
         except ConfigError as error:
             raise ConfigError(f"{experiment}: {error}") from None
         room = open_room(experiment, first.report.claims)
-        results = part.results()
+        results = part.results(first.report.names)
         chapters.append(Chapter(first.title, results, first.report, room, first.output, part.missing))
     first = paper.first
     volume = Volume.BEYOND if beyond else Volume.PAPER

@@ -69,7 +69,7 @@ def make_report(jobs: Search | Sweep) -> Report:
     if first.report.compare:
         return ComparisonReport(first.output, part.settings, first.report.compare, **head, notice=notice)
     room = open_room(first.name, first.report.claims)
-    return ExperimentReport(first.output, part.results(), first.report, room, **head, notice=notice)
+    return ExperimentReport(first.output, part.results(first.report.names), first.report, room, **head, notice=notice)
 
 
 def _make_search_report(search: Search) -> Report:

@@ -71,8 +71,12 @@ class Models:
         """Test the scores of two models in a layout; `name` is that of the test, for an outcome without scores."""
         one, other = (self.scores(model, layout, metric) for model in (first, second))
         if not len(one) or len(one) != len(other):
-            return undecided(name, 0, f"needs runs of {first} and {second}")
+            return undecided(name, 0, f"needs runs of {' and '.join(map(self.results.name, (first, second)))}")
         return test(one, other)
+
+    def minus(self, first: str, second: str) -> str:
+        """The difference of two models in words."""
+        return f"{self.results.name(first)} minus {self.results.name(second)}"
 
     def beats(
         self, first: str, second: str, metrics: Sequence[str] = ("success", "prediction_error")
@@ -92,8 +96,10 @@ class Models:
 
                 outcome = self.compared(layout, first, second, test, SIGNED_RANK, metric)
                 name = f"{NAMES[layout]}, {METRICS[metric].name.removeprefix('prediction ')}"
-                statement = f"In {NAMES[layout]} worlds {says} with {first} than with {second}."
-                criteria.append(Criterion(name, f"{first} minus {second}", METRICS[metric].unit, outcome, statement))
+                one, other = map(self.results.name, (first, second))
+                statement = f"In {NAMES[layout]} worlds {says} with {one} than with {other}."
+                effect_of = self.minus(first, second)
+                criteria.append(Criterion(name, effect_of, METRICS[metric].unit, outcome, statement))
         return criteria
 
     def nearly(self, model: str, layout: str, level: float, agent: str = "oracle") -> Criterion:
@@ -135,7 +141,9 @@ class Models:
         if len(losses):
             notes = [f"from {number(float(losses.min()))} to {number(float(losses.max()))} nats"]
             if len(others):
-                notes.append(f"{beside}: from {number(float(others.min()))} to {number(float(others.max()))}")
+                notes.append(
+                    f"{self.results.name(beside)}: from {number(float(others.min()))} to {number(float(others.max()))}"
+                )
             outcome = claims.with_note(outcome, notes)
         return [Criterion("", f"share of members less than {OUTLIER:g} nats above the median", "share", outcome)]
 
@@ -146,7 +154,7 @@ class Models:
             return statistics.same(one, other, MARGIN)
 
         outcome = self.compared(HARD, first, second, test, f"95 % interval within ±{MARGIN:g}")
-        return [Criterion("", f"{first} minus {second}", METRICS["success"].unit, outcome)]
+        return [Criterion("", self.minus(first, second), METRICS["success"].unit, outcome)]
 
     def no_loss(self, first: str, second: str) -> list[Criterion]:
         """Test that the first model succeeds as often as the second in easy worlds, up to a margin."""
@@ -155,7 +163,7 @@ class Models:
             return statistics.at_least(one - other, -MARGIN)
 
         outcome = self.compared(EASY, first, second, test, f"95 % interval from {-MARGIN:g} up")
-        return [Criterion("", f"{first} minus {second}", METRICS["success"].unit, outcome)]
+        return [Criterion("", self.minus(first, second), METRICS["success"].unit, outcome)]
 
 
 BOUNDS = {"oracle": "the oracle", "seen": "an oracle that knows what views show"}

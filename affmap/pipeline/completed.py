@@ -1,7 +1,7 @@
 """The completed settings of a sweep, for reports."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -35,9 +35,9 @@ class Completed(NamedTuple):
     factors: tuple[str | None, str | None]
     """The keys on the x axis and by colour; None for one that follows from the settings."""
 
-    def results(self) -> Results:
-        """The results of these settings, grouped as the settings of the report say."""
-        return Results(self.settings, self.growth, *self.factors, self.baselines)
+    def results(self, names: Mapping[str, str]) -> Results:
+        """The results of these settings, grouped as the settings of the report say; `names` are its, for readers."""
+        return Results(self.settings, self.growth, *self.factors, self.baselines, names)
 
 
 def completed(sweep: Sweep) -> Completed:

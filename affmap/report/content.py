@@ -11,7 +11,7 @@ import numpy as np
 
 from affmap.env.effects import EFFECTS
 from affmap.report import sentences
-from affmap.report.drawing.colors import name_of, readable
+from affmap.report.drawing.colors import name_of, names_of, readable
 from affmap.report.markdown import bullets, escape, table, text_table
 from affmap.report.painted import first_settings
 from affmap.results import provenance, scores
@@ -163,18 +163,19 @@ class Content:
         return f"{UNCERTAIN:g}"
 
     def halo(self) -> str:
-        """Share of positions outside fog that models mistake for fog, by context size; empty if maps show no fog."""
-        results = self.results
-        settings = {size: setting for size in results.context_sizes if (setting := results.setting(size))}
-        layouts = {size: results.map_layout(setting) for size, setting in settings.items()}
+        """Share of positions outside fog that each training's models mistake for fog; empty if maps show no fog."""
+        results, factor = self.results, self.results.training_factor
+        values = results.context_sizes if factor == CONTEXT_SIZE else results.x_values
+        settings = {value: results.where({factor.key: value})[0] for value in values}
+        layouts = {value: results.map_layout(setting) for value, setting in settings.items()}
         if not any(circle.effect == "fog" for layout in layouts.values() for circle in layout.circles):
             return ""
         rows = [[f"up to {WIDTH:g} u outside fog"], ["farther away"]]
-        for size, setting in settings.items():
-            place = results.deviations(setting), layouts[size], results.vehicle_radius(setting)
+        for value, setting in settings.items():
+            place = results.deviations(setting), layouts[value], results.vehicle_radius(setting)
             for row, shares in zip(rows, (halo(*place), beyond(*place)), strict=True):
                 row.append(f"{np.mean(shares):.0%}")
-        return text_table(["Places", *(CONTEXT_SIZE.format(size) for size in settings)], rows)
+        return text_table(["Places", *names_of(factor, values, self.settings).values()], rows)
 
     def blocks(self) -> str:
         """Share of the members in which one block has the largest part in two effects; empty without blocks."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from affmap.results.setting import (
@@ -16,6 +16,7 @@ from affmap.results.setting import (
     Setting,
     Value,
     make_factor,
+    reader_name,
 )
 from affmap.settings.messages import ConfigError
 
@@ -33,6 +34,8 @@ class Design:
     """The grouping variable shown by colour; None for whatever else is varied."""
     baselines: tuple[Setting, ...] = ()
     """Settings of agents without a learned model in the same layouts, where the experiment has them."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """Planner, layout or model -> its name for readers, see `name`."""
 
     def __post_init__(self) -> None:
         if not self.settings:
@@ -154,6 +157,10 @@ class Design:
     def layouts(self) -> list[str]:
         """The layouts of control, in the order of the settings."""
         return list(dict.fromkeys(setting.layout for setting in self.settings))
+
+    def name(self, value: str) -> str:
+        """The name of a planner, a layout or a model for readers."""
+        return reader_name(value, self.names)
 
     def where(self, values: Mapping[str, Value]) -> list[Setting]:
         """The settings with some values: key -> value."""

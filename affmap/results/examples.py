@@ -1,7 +1,7 @@
 """Example runs and moments, chosen by a rule, because the best ones would say little."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -10,6 +10,8 @@ from affmap.results.files import Trajectories
 from affmap.results.provenance import distinct
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, Value, make_factor
 from affmap.results.tables import Results
+
+T = TypeVar("T")
 
 
 def example_rule(results: Results) -> str:
@@ -37,6 +39,15 @@ class Example(NamedTuple):
 
 MAX_ROWS = 3
 """Rows of a figure, so that it fits a page."""
+
+
+MAX_NAMES = 3
+"""Names on the x axis of which moments stand side by side; of numbers, those at both ends."""
+
+
+def first_and_last(values: Sequence[T], count: int) -> list[T]:
+    """The first of some values, such as the paper's model, and the last ones, such as the newest; `count` in all."""
+    return [*values] if len(values) <= count else [values[0], *values[1 - count :]]
 
 
 def rows(results: Results) -> list[dict[str, Value]]:
@@ -112,7 +123,7 @@ def _first(results: Results, layout: str) -> dict[str, Value]:
 
 
 def _ends(results: Results, layout: str) -> list[Value]:
-    """The first and the last value on the x axis, of the first planner in a layout."""
+    """The first and the last value on the x axis, or the last two names, of the first planner in a layout."""
     own = {setting.values[results.x.key] for setting in results.where(_first(results, layout))}
     values = [value for value in results.x_values if value in own]
-    return list(dict.fromkeys([values[0], values[-1]]))
+    return first_and_last(values, MAX_NAMES if isinstance(values[0], str) else 2)

@@ -43,6 +43,11 @@ def short_name(kind: str) -> str:
     return names.get(kind, kind)
 
 
+def reader_name(value: str, names: Mapping[str, str]) -> str:
+    """The name of a value in `names`, which are those of a report's settings; else its own, in words."""
+    return names.get(value, value.replace("_", " "))
+
+
 def value_name(value: float | str) -> str:
     """A value of a compared key as in tables and figures."""
     return short_name(value) if isinstance(value, str) else f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}"

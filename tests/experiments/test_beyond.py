@@ -30,7 +30,9 @@ def results(**changes: float) -> Any:
         for member in range(MEMBERS)
         for run in range(RUNS)
     ]
-    return SimpleNamespace(runs=pd.DataFrame(rows), where=lambda values: [])
+    return SimpleNamespace(
+        runs=pd.DataFrame(rows), where=lambda values: [], name=lambda value: value.removeprefix("procedural_")
+    )
 
 
 def verdicts(found: Any) -> dict[str, list[Verdict]]:
@@ -75,3 +77,9 @@ def test_agents_that_did_not_fly_leave_their_claims_untested() -> None:
     left = verdicts(found)
     assert left["VII-1"].count(Verdict.HOLDS) == 3
     assert {*left["VII-2"], *left["VII-3"], *left["VII-4"], *left["VII-5"]} == {Verdict.NOT_TESTED}
+
+
+def test_readers_see_their_own_names_of_layouts() -> None:
+    parts = {claim.name: claim.test(results())[0] for claim in CLAIMS}
+    assert parts["VII-5"].name == "hard, 20"
+    assert parts["VII-5"].statement == "hard: more runs succeed than with a horizon of 20 steps."

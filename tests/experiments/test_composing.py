@@ -28,6 +28,10 @@ ERRORS = {SPLIT: -12.0, GIVEN: -12.0}
 """Prediction error of each run, nats; else -10."""
 
 
+NAMES = {PAPER: "MLP", GIVEN: "given"}
+"""Model -> its name for readers, where it has another one."""
+
+
 def layout(*circles: tuple[float, float, str]) -> Layout:
     """Circles of 0.3 u, by their centre and effect, in the channels of Experiment V."""
     channels = {"obstacle": "solid"}
@@ -79,6 +83,7 @@ def results(errors: dict[int, float] | None = None, **changes: dict[str, float])
     ]
     by_model = {SPLIT: paths(errors or {0: 2.0, 1: 2.0}), PAPER: paths({0: 50.0, 1: 70.0})}
     return SimpleNamespace(
+        name=lambda value: NAMES.get(value, value),
         runs=pd.DataFrame(rows),
         baseline_runs=pd.DataFrame(oracle),
         last_epoch=pd.DataFrame(losses),
@@ -107,7 +112,7 @@ def test_claims_that_were_built_into_the_data_hold() -> None:
     assert {name: {*parts} for name, parts in found.items()} == {name: {Verdict.HOLDS} for name in found}
     notes = [part.outcome.note for part in CLAIMS[0].test(results())]
     assert (
-        notes[0] == "1.00 of the way from mlp to the oracle (composition index)" and "composition index" not in notes[1]
+        notes[0] == "1.00 of the way from MLP to the oracle (composition index)" and "composition index" not in notes[1]
     )
 
 
@@ -127,6 +132,14 @@ def test_a_share_that_is_too_low_fails_its_own_parts(
     for name, parts in found.items():
         failed = [number for number, verdict in enumerate(parts) if verdict == Verdict.DOES_NOT_HOLD]
         assert failed == failing.get(name, []), name
+
+
+def test_readers_see_their_own_names_of_models() -> None:
+    """Of a model that has another one, in differences, statements and notes."""
+    parts = {claim.name: claim.test(results())[0] for claim in CLAIMS}
+    assert parts["VI-1"].effect_of == "split minus MLP" and parts["VI-7"].effect_of == "split minus given"
+    assert parts["VI-1"].statement == "In hard worlds more runs succeed with split than with MLP."
+    assert parts["VI-5"].effect_of == "cost with split minus cost with MLP" and "MLP: " in parts["VI-4"].outcome.note
 
 
 def test_a_member_with_a_high_validation_loss_is_an_outlier() -> None:

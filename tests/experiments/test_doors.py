@@ -10,6 +10,7 @@ import pytest
 from affmap.env.layout import Layout
 from affmap.experiments.exp7.claims import GUIDED
 from affmap.experiments.exp7_doors.claims import CLAIMS, GREEDY, opened_before_passing
+from affmap.experiments.exp7_doors.figures.doors import caption
 from affmap.results.statistics import Verdict
 
 MEMBERS, RUNS = 8, 4
@@ -55,6 +56,7 @@ def results(greedy: float = 0.0, guided: float = 1.0, late: int = 0) -> Any:
         member=np.repeat(np.arange(MEMBERS), RUNS),
     )
     return SimpleNamespace(
+        name=str,
         runs=pd.DataFrame(rows),
         where=lambda values: ["the map"],
         trajectories=lambda setting: paths,
@@ -90,3 +92,10 @@ def test_nothing_flown_is_not_tested() -> None:
     found = results()
     found.runs, found.where = found.runs.iloc[:0], lambda values: []
     assert {verdict for parts in verdicts(found).values() for verdict in parts} == {Verdict.NOT_TESTED}
+
+
+def test_the_figure_of_doors_says_only_the_way_that_it_shows() -> None:
+    """A way to a key, one to none, and no way, as untrained members imagine it."""
+    to_key, elsewhere, nowhere = caption(300, True, True), caption(300, True, False), caption(300, False, False)
+    assert "mauve line) leads to a key" in to_key and "mauve line) leads to no key" in elsewhere
+    assert "mauve" not in nowhere and "knows no way" in nowhere

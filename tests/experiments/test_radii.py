@@ -24,6 +24,9 @@ SHARES = {
 BOUNDS = {"oracle": {HARD: 1.0, CROWDED: 1.0}, "seen": {HARD: 1.0, CROWDED: 0.8}}
 """Likewise of agents that know the physics."""
 
+NAMES = {PAPER: "MLP", ONE_RADIUS[PAPER]: "MLP, one"}
+"""Model -> its name for readers, where it has another one."""
+
 FOG = Layout.load("layout", "training_fog")
 CIRCLE = FOG.circles[0]
 
@@ -59,6 +62,7 @@ def results(halo: float = 0.2, **changes: dict[str, float]) -> Any:
         {LEARNER.column: m, "member": member, "validation_nll": -10.0} for m in SHARES for member in range(MEMBERS)
     ]
     return SimpleNamespace(
+        name=lambda value: NAMES.get(value, value),
         runs=pd.DataFrame(rows),
         baseline_runs=pd.DataFrame(bounds),
         last_epoch=pd.DataFrame(losses),
@@ -110,3 +114,11 @@ def test_models_that_did_not_fly_leave_their_claims_untested() -> None:
     found.baseline_runs = found.baseline_runs.iloc[:0]
     found.where = lambda values: []
     assert all({*parts} == {Verdict.NOT_TESTED} for name, parts in verdicts(found).items() if name != "VI-14")
+
+
+def test_readers_see_their_own_names_of_models() -> None:
+    """In names of parts, differences and statements."""
+    parts = {claim.name: claim.test(results())[0] for claim in CLAIMS}
+    assert (parts["VI-10"].name, parts["VI-10"].effect_of) == ("MLP, hard", "MLP minus MLP, one")
+    assert (parts["VI-18"].name, parts["VI-18"].effect_of) == ("MLP", "MLP minus MLP, one")
+    assert parts["VI-18"].statement == "The halo is smaller: MLP."

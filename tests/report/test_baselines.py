@@ -73,6 +73,22 @@ def test_a_line_is_the_median_of_an_agent_s_runs_in_a_layout() -> None:
     assert [handle.get_label() for handle in handles] == ["oracle", "straight"]
 
 
+def test_each_agent_has_a_style_of_its_own_in_every_report() -> None:
+    """Whichever others there are; one that is not affmap's has a solid line."""
+    every = table(oracle_a=[0.2], seen_a=[0.3], straight_a=[0.4], random_a=[0.5], mine_a=[0.6])
+    two = every[every["planner"].isin(["straight", "random"])]
+    looks = [
+        {
+            str(handle.get_label()): handle
+            for handle in numbers.baselines(panel(0.0, 1.0), runs, "mean_distance", PLANNERS)
+        }
+        for runs in (every, two)
+    ]
+    first, second = ({name: str(line._dash_pattern) for name, line in each.items()} for each in looks)  # type: ignore[attr-defined]
+    assert second == {name: first[name] for name in ("straight", "random")}
+    assert len({*first.values()}) == 5 and looks[0]["mine"].get_linestyle() == "-"  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize(("metric", "middle"), [("reached", mean), ("success", mean), ("steps_touching", median)])
 def test_shares_have_the_mean_and_numbers_the_median(metric: str, middle: Callable[[Any], float]) -> None:
     """Python's own statistics; they differ here."""
@@ -225,3 +241,25 @@ def test_the_report_writes_their_runs(results: dict[str, Results], tmp_path: Pat
         assert ("Agents without a learned model" in page) == expected
     runs = [(tmp_path / output / "tables/runs.csv").read_bytes() for output in ("with", "without")]
     assert runs[0] == runs[1]
+
+
+def test_many_boxes_with_names_have_a_row_a_panel_and_agents_beside_them(results: dict[str, Results]) -> None:
+    """Seven names in two layouts; the bars of the agents are means of the stored tables, and no line hides a box."""
+    names = [f"horizon {letter}" for letter in "abcdefg"]
+    own = [each for each in results["exp5"].settings if each.context_size == 8 and each.planner == "cem"]
+    flown = [Setting({**each.values, "lookahead": name}, each.folders) for name in names for each in own]
+    keys = {"x_key": "lookahead", "color_key": "control_layout"}
+    found, chosen = Results(tuple(flown), **keys, baselines=results["exp5"].baselines), settings("exp5")
+    drawn = outcomes.draw(found, chosen)
+    shown = [f"lookahead = {name}" for name in names] + [*AGENTS]
+    for ax in drawn.figure.axes:
+        assert [label.get_text() for label in ax.get_xticklabels()] == shown and not heights(ax)
+    assert [ax.get_title("left") for ax in drawn.figure.axes] == ["A  Arrivals", "B  Contact", "C  Distance"]
+    easy, hard = ([bar.get_height() for bar in bars] for bars in drawn.figure.axes[0].containers)  # type: ignore[union-attr]
+    means = {pair: float(runs["reached"].mean()) for pair, runs in raw(found).items()}
+    assert easy[7:] == pytest.approx([means[agent, "procedural_easy"] for agent in AGENTS])
+    assert hard[7:] == pytest.approx([means[agent, "procedural_hard"] for agent in AGENTS])
+    assert "Right: agents without a learned model." in drawn.caption
+    few = outcomes.draw(replace(found, settings=tuple(flown[:4])), chosen)
+    assert all(ax.get_subplotspec().get_gridspec().nrows == 1 for ax in few.figure.axes)  # type: ignore[union-attr]
+    assert "Right:" not in few.caption

@@ -185,3 +185,9 @@ def test_a_column_that_is_no_metric_cannot_be_computed(swept: Path, tmp_path: Pa
     lacking = Results((type(setting)(setting.values, {**setting.folders, "control": (tmp_path,)}),))
     with pytest.raises(ConfigError, match=r"lacks the columns \['crossable'\]"):
         _ = lacking.runs
+
+
+def test_results_know_the_names_of_a_report(swept: Path) -> None:
+    """Those of its settings; other values are told in words."""
+    results = completed(read_sweep([*line(swept), *SWEEP])).results(ReportSettings.load("report", "default").names)
+    assert (results.name("cem"), results.name("procedural_hard")) == ("EB", "procedural hard")

@@ -22,16 +22,19 @@ from affmap.env.scene import LAYERS
 from affmap.experiments import open_room
 from affmap.model.lookup import AffordanceMap
 from affmap.report import build
+from affmap.report import page as pages
 from affmap.report.experiment import ExperimentReport
 from affmap.report.explorer import maps as explorers
 from affmap.report.packing import LARGEST, MISSING, Packed, pack, pack_bits
 from affmap.report.player import runs as players
 from affmap.results.examples import choose_examples
 from affmap.results.setting import ReportSettings, Setting
+from affmap.results.statistics import Verdict
 from affmap.results.tables import Results
 from affmap.view import view
 
 CONF = Path(__file__).parents[2] / "conf"
+FOLDER = Path(pages.__file__).parent
 READING = "willReadFrequently"  # advice to the tests that read pictures again
 SETTINGS = ReportSettings.model_validate(yaml.safe_load((CONF / "report/default.yaml").read_text("utf-8"))).model_copy(
     update={"claims": "exp1"}
@@ -256,6 +259,14 @@ def _assert_view(player: Locator, world: Layout, position: np.ndarray) -> None:
     read = """canvas => [...canvas.getContext("2d").getImageData(0, 0, 11, 11).data].filter((_, i) => i % 4 === 3)"""
     shown = [canvas.evaluate(read) for canvas in player.locator(".views canvas").all()]
     assert np.array_equal(np.array(shown).reshape(-1, 11, 11)[:, ::-1] > 0, view(world.map, position))
+
+
+def test_every_verdict_has_a_shade_in_both_layouts() -> None:
+    """A class of its words in the style of the HTML, an entry in the PDF's table of fills."""
+    style, layout = ((FOLDER / f"layout.{kind}").read_text("utf-8") for kind in ("css", "typ"))
+    for verdict in Verdict:
+        assert re.search(rf"\.{verdict.replace(' ', '-')}\b[^{{}}]*{{ background", style), verdict
+        assert re.search(rf'fills = .*"{verdict}": ', layout), verdict
 
 
 def test_play_goes_on_until_it_is_paused(page: Page) -> None:

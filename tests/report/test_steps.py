@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 from stage_files import WriteStages
 
 from affmap.report.drawing import failures, losses
+from affmap.report.figures import maps as figure_of_maps
 from affmap.report.figures import results as main_results
 from affmap.report.figures import steps as figure_of_steps
+from affmap.report.figures import trajectories
 from affmap.results import files
 from affmap.results.files import EVERYWHERE
 from affmap.results.setting import ReportSettings, Setting
@@ -105,8 +107,33 @@ def test_a_caption_is_of_the_panels_that_there_are(write_stages: WriteStages, tm
 def test_the_main_figure_has_a_map_of_each_kind_of_model(transitions: Results) -> None:
     drawn = main_results.draw(transitions, ReportSettings.load("report", "default"))
     titles = [ax.get_title("left") for ax in drawn.figure.axes if ax.get_images()]
-    assert titles == ["B  Affordance maps (C = 8, member 0)\nMLP", "GRU"]
+    (panel,) = drawn.figure.subfigs
+    assert panel.get_suptitle() == "B  Affordance maps (C = 8, member 0)" and titles == ["MLP", "GRU"]
     assert "(B) Affordance maps" in drawn.caption
+
+
+def test_of_many_models_the_first_and_the_last_ones_are_shown(write_stages: WriteStages, tmp_path: Path) -> None:
+    """Six maps in a panel, three rows of members and three moments; captions name or count the others."""
+    names = [f"model {letter}" for letter in "abcdefg"]
+    every = [
+        Setting({**setting.values, "model.transition": name}, setting.folders)
+        for name in names
+        for setting in write_stages(tmp_path / name, (8,), ("cem",), members=2, epochs=1)
+    ]
+    found, settings = Results(tuple(every), x_key="model.transition"), ReportSettings.load("report", "default")
+    drawn = main_results.draw(found, settings)
+    shown = [ax.get_title("left") for ax in drawn.figure.axes if ax.get_images()]
+    assert [title.removeprefix("transition = ") for title in shown] == [names[0], *names[2:]]
+    assert "6 of 7 affordance maps" in drawn.caption
+    members = figure_of_maps.draw(found, settings)
+    assert members is not None
+    heads = [part.get_suptitle().rpartition(" = ")[2] for part in members.figure.subfigs[:3]]
+    assert heads == [names[0], *names[5:]] and "model b, transition = model c" in members.caption
+    moments = trajectories.draw(found, settings)
+    assert [ax.get_title("left").split(",")[0] for ax in moments.figure.axes if ax.axison] == [
+        f"transition = {name}" for name in (names[0], *names[5:])
+    ]
+    assert "Of 7 values of transition, the first and the last two are shown." in moments.caption
 
 
 def test_epochs_are_whole_numbers() -> None:
@@ -148,3 +175,16 @@ def test_without_fog_there_is_no_halo(write_stages: WriteStages, tmp_path: Path)
     clear = Results(tuple(write_stages(tmp_path, (0, 8), ("cem",), members=2, epochs=2)))
     content = content_of(clear, ReportSettings.load("report", "default"))
     assert [row[0] for row in table_of(content.steps())[1]] == ["free", "touching"] and content.halo() == ""
+
+
+def test_the_table_of_the_halo_has_a_column_for_each_model(write_stages: WriteStages, tmp_path: Path) -> None:
+    """Two learners of one context size, with the names of the report, as on the x axis."""
+    learners = [
+        Setting({**setting.values, "learner": name}, setting.folders)
+        for name in ("mlp_one", "split")
+        for setting in write_stages(tmp_path / name, (8,), ("cem",), members=2, epochs=2, experiment="exp4")
+    ]
+    settings = ReportSettings.load("report", "default").model_copy(update={"names": {"mlp_one": "MLP, one"}})
+    heads, rows = table_of(content_of(Results(tuple(learners), x_key="learner"), settings).halo())
+    assert heads == ["Places", "MLP, one", "split"]
+    assert rows == [["up to 0.05 u outside fog", "100%", "100%"], ["farther away", "0%", "0%"]]

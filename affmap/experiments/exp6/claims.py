@@ -45,7 +45,7 @@ def _index(results: Results, layout: str) -> str:
     if not len(oracle) or not len(split) or not len(paper) or oracle.mean() <= paper.mean():
         return ""
     index = float((split.mean() - paper.mean()) / (oracle.mean() - paper.mean()))
-    return f"{number(index)} of the way from {PAPER} to the oracle (composition index)"
+    return f"{number(index)} of the way from {results.name(PAPER)} to the oracle (composition index)"
 
 
 def _nearly_oracle(results: Results) -> list[Criterion]:
@@ -61,18 +61,22 @@ def _costs_less(results: Results) -> list[Criterion]:
             errors = error_by_properties(results, setting)
             costs[model] = (errors["several"] - errors["one"]).to_numpy(float)
     if len(costs) < 2:
-        outcome = undecided(SIGNED_RANK, 0, f"needs runs of {SPLIT} and {PAPER}")
+        outcome = undecided(SIGNED_RANK, 0, f"needs runs of {results.name(SPLIT)} and {results.name(PAPER)}")
     else:
         outcome = statistics.paired(costs[SPLIT], costs[PAPER], "lower", "median")
-        medians = [f"{model}: {number(float(np.nanmedian(cost)), sign=True)} nats" for model, cost in costs.items()]
+        medians = [
+            f"{results.name(model)}: {number(float(np.nanmedian(cost)), sign=True)} nats"
+            for model, cost in costs.items()
+        ]
         outcome = claims.with_note(outcome, medians)
-    return [Criterion("", f"cost with {SPLIT} minus cost with {PAPER}", "nats", outcome)]
+    effect_of = f"cost with {results.name(SPLIT)} minus cost with {results.name(PAPER)}"
+    return [Criterion("", effect_of, "nats", outcome)]
 
 
 CLAIMS = (
     Claim(
         "VI-1",
-        "Where properties overlap, blocks that act in turn (split) do better than the paper's perceptron (mlp).",
+        "Where properties overlap, blocks that act in turn (split) do better than the paper's perceptron (MLP).",
         _better,
     ),
     Claim(

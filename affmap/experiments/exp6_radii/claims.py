@@ -35,7 +35,7 @@ def _radii_help(results: Results) -> list[Criterion]:
     criteria = []
     for model, one in ONE_RADIUS.items():
         for each in _models(results).beats(model, one, metrics=("success",)):
-            criteria.append(each._replace(name=f"{model}, {each.name.removesuffix(', success')}"))
+            criteria.append(each._replace(name=f"{results.name(model)}, {each.name.removesuffix(', success')}"))
     return criteria
 
 
@@ -51,8 +51,10 @@ def _halo_shrinks(results: Results) -> list[Criterion]:
         if len(several) and len(single):
             outcome = statistics.paired(several, single, "lower", "mean")
         else:
-            outcome = undecided(SIGNED_RANK, 0, f"needs runs of {model} and {one}")
-        criteria.append(Criterion(model, f"{model} minus {one}", "share", outcome, f"The halo is smaller: {model}."))
+            outcome = undecided(SIGNED_RANK, 0, f"needs runs of {results.name(model)} and {results.name(one)}")
+        name = results.name(model)
+        effect_of = _models(results).minus(model, one)
+        criteria.append(Criterion(name, effect_of, "share", outcome, f"The halo is smaller: {name}."))
     return criteria
 
 
@@ -78,7 +80,7 @@ CLAIMS = (
     Claim(
         "VI-10",
         "Circles of several radii in training instead of one help in hard and in crowded worlds, both the paper's "
-        "perceptron (mlp) and blocks that act in turn (split).",
+        "perceptron (MLP) and blocks that act in turn (split).",
         _radii_help,
     ),
     Claim(
@@ -87,7 +89,12 @@ CLAIMS = (
         "in crowded ones 0.9 of an oracle that knows what views show.",
         lambda results: _nearly(results, SPLIT),
     ),
-    Claim("VI-12", "With blocks that are given by channel, so it does.", lambda results: _nearly(results, GIVEN)),
+    Claim(
+        "VI-12",
+        "With several radii, blocks that are given by channel succeed nearly as often as they can: 0.95 of the oracle "
+        "in hard worlds, and in crowded ones 0.9 of an oracle that knows what views show.",
+        lambda results: _nearly(results, GIVEN),
+    ),
     Claim(
         "VI-13",
         "In hard worlds the errors of the split model are below −11 nats in the median and −9 in the mean.",

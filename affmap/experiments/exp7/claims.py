@@ -51,8 +51,9 @@ def stuck(results: Results, layouts: Sequence[str], agents: Sequence[str]) -> li
         for agent in agents:
             outcome = statistics.below(shares(select(results, agent, layout)), STUCK)
             steps = agent.removeprefix("horizon_")
-            says = f"{layout}: fewer than {STUCK:g} of the runs succeed with a horizon of {steps} steps."
-            criteria.append(Criterion(f"{layout}, {steps}", "share", METRICS["success"].unit, outcome, says))
+            world = results.name(layout)
+            says = f"{world}: fewer than {STUCK:g} of the runs succeed with a horizon of {steps} steps."
+            criteria.append(Criterion(f"{world}, {steps}", "share", METRICS["success"].unit, outcome, says))
     return criteria
 
 
@@ -62,12 +63,10 @@ def arrives(results: Results, layouts: Sequence[str], level: float) -> list[Crit
     for layout in layouts:
         runs = select(results, GUIDED, layout)
         outcome = statistics.at_least(shares(runs), level)
-        says = f"{layout}: at least {level:g} of the runs succeed."
-        criteria.append(
-            Criterion(
-                layout, "share", METRICS["success"].unit, claims.with_note(outcome, _times(results, layout)), says
-            )
-        )
+        outcome = claims.with_note(outcome, _times(results, layout))
+        world = results.name(layout)
+        says = f"{world}: at least {level:g} of the runs succeed."
+        criteria.append(Criterion(world, "share", METRICS["success"].unit, outcome, says))
     return criteria
 
 
@@ -91,9 +90,10 @@ def _beats(results: Results, layouts: tuple[str, ...], than: tuple[str, ...]) ->
             runs = pd.concat([select(results, each, layout) for each in (GUIDED, agent)])
             outcome = claims.paired(runs, "success", Pair(LOOKAHEAD.column, GUIDED, agent), "higher")
             steps = agent.removeprefix("horizon_")
-            says = f"{layout}: more runs succeed than with a horizon of {steps} steps."
+            world = results.name(layout)
+            says = f"{world}: more runs succeed than with a horizon of {steps} steps."
             effect_of = f"time to go minus {steps} steps"
-            criteria.append(Criterion(f"{layout}, {steps}", effect_of, METRICS["success"].unit, outcome, says))
+            criteria.append(Criterion(f"{world}, {steps}", effect_of, METRICS["success"].unit, outcome, says))
     return criteria
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 import seaborn as sns
 from matplotlib.colors import to_hex
 
-from affmap.results.setting import CONTEXT_SIZE, PLANNERS, Factor, ReportSettings, Value
+from affmap.results.setting import CONTEXT_SIZE, PLANNERS, Factor, ReportSettings, Value, reader_name
 from affmap.results.tables import Results
 
 GROUP_COLORS = ("#44AA99", "#882255", "#DDCC77", "#332288", "#88CCEE", "#999933")  # Tol; distinguishable in this order
@@ -80,7 +80,7 @@ def names_of(factor: Factor, values: Iterable[Value], settings: ReportSettings) 
 
 def readable(value: str, settings: ReportSettings) -> str:
     """Name of a planner or a layout for readers."""
-    return settings.names.get(value, value.replace("_", " "))
+    return reader_name(value, settings.names)
 
 
 def x_colors(factor: Factor, values: Iterable[Value]) -> dict[Value, str]:

@@ -29,8 +29,8 @@ HUGE, FLAT, LINEAR = 300, 100, 20
 and then logarithmic."""
 
 
-DASHES = ((5, 1.5), (1, 1), (3, 1, 1, 1), (7, 3))
-"""Dashes of the lines of agents without a learned model, in their order; those of others are solid."""
+DASHES = {"oracle": (5, 1.5), "straight": (1, 1), "random": (3, 1, 1, 1), "seen": (8, 1, 1, 1, 1, 1)}
+"""Agent without a learned model (`conf/agent`) -> dashes of its line, the same everywhere; others' are solid."""
 
 
 FAR = 0.15
@@ -143,7 +143,6 @@ def baselines(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups) -> list
     handles: dict[str, Artist] = {}
     by_layout = groups.column == LAYOUT.column
     layouts = list(runs[LAYOUT.column].unique())
-    dashes = dict(zip(runs[PLANNER.column].unique(), DASHES, strict=False))
     bottom, top = ax.get_ylim()
     height, lowest, highest = top - bottom, bottom, top
     beyond: dict[str, list[float]] = {}
@@ -157,10 +156,10 @@ def baselines(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups) -> list
             continue
         color = groups.palette[groups.names[layout]] if by_layout and layout in groups.names else "0.25"
         shift = layouts.index(layout) / len(layouts) if by_layout else 0.0  # colours of lines at one height alternate
-        ax.axhline(middle, color=color, lw=1.1, ls=_line_style(dashes.get(agent, ()), shift), zorder=3)
+        ax.axhline(middle, color=color, lw=1.1, ls=_line_style(DASHES.get(agent, ()), shift), zorder=3)
         lowest = lowest if bottom == 0 else min(lowest, middle - 0.04 * height)
         highest = max(highest, middle + 0.04 * height)
-        style = _line_style(dashes.get(agent, ()))
+        style = _line_style(DASHES.get(agent, ()))
         handles.setdefault(agent, Line2D([], [], color="0.25", lw=1.1, ls=style, label=agent))
     ax.set_ylim(lowest, highest)
     if beyond:

@@ -8,7 +8,7 @@ from affmap.report.drawing import arena
 from affmap.report.drawing.colors import name_of
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.report.painted import Painted, first_settings, map_size, maps_of_size, of_part, paint, read_painted
-from affmap.results.examples import MAX_ROWS
+from affmap.results.examples import MAX_ROWS, first_and_last
 from affmap.results.files import Floats
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
@@ -31,7 +31,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     if size is None:
         return None
     every = maps_of_size(results, size)
-    parts = every[:MAX_ROWS]
+    parts = first_and_last(every, MAX_ROWS)
     count = NUM_MEMBERS if len(parts) == 1 else NUM_MEMBERS // 2
     members = parts[0].maps.member[:count]
     tables = [paint(parts, index) for index in range(len(members))]  # [member][part]
@@ -52,7 +52,10 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     name = of_part(results, parts[-1], parts, settings, [results.color])
     if results.x == CONTEXT_SIZE or len(each) > 1:
         blocks.append((f"Member {members[0]} at each {results.x.label}{name}", 4, sizes))
-    left_out = [of_part(results, part, every, settings).removeprefix(": ") for part in every[MAX_ROWS:]]
+    shown = [part.setting for part in parts]
+    left_out = [
+        of_part(results, part, every, settings).removeprefix(": ") for part in every if part.setting not in shown
+    ]
     return Drawn(_map_blocks(blocks), _caption(results, parts, size, left_out))
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 
@@ -9,6 +10,7 @@ from affmap.report.drawing import arena, losses, numbers
 from affmap.report.drawing.colors import make_groups, name_of, readable
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.report.painted import Painted, map_size, maps_of_size, of_part, paint, several_worlds
+from affmap.results import examples
 from affmap.results.numbers import counted, listed, span
 from affmap.results.setting import LAYOUT, PLANNERS, ReportSettings, short_name
 from affmap.results.tables import Results
@@ -18,8 +20,8 @@ BOXES = (
     "drawn."
 )
 
-MAX_MAPS = 4
-"""Maps of one panel."""
+MAX_MAPS = 6
+"""Maps of one panel, in two rows from three on."""
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn:
@@ -62,21 +64,34 @@ def _maps(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportS
         ax.set_axis_off()
         return
     parts = _shown_maps(results, size)
-    several = len(parts) > 1
+    title = f"B  Affordance map{'s' if len(parts) > 1 else ''} (C = {size}, member {parts[0].maps.member[0]})"
+    if len(parts) == 1:
+        ax = figure.add_subplot(cell)
+        arena.affordance_map(ax, paint(parts, 0)[0], parts[0].maps.x, parts[0].maps.y, parts[0].world.map)
+        ax.set_title(title, loc="left")
+        return
     names = [of_part(results, part, parts, settings).removeprefix(": ") for part in parts]
-    grid = cell.subgridspec(-(-len(parts) // 2), 1 + several).subplots(sharex=True, sharey=True, squeeze=False)
+    columns = 2 if len(parts) <= 4 else 3
+    panel = figure.add_subfigure(cell)
+    panel.suptitle(title, x=0.02, ha="left", fontsize=mpl.rcParams["axes.titlesize"])
+    grid = panel.subplots(-(-len(parts) // columns), columns, sharex=True, sharey=True, squeeze=False)
     for ax, part, name in zip(grid.flat, parts, names, strict=False):
         arena.affordance_map(ax, paint([part], 0)[0], part.maps.x, part.maps.y, part.world.map)
         ax.set_title(name, loc="left")
+        if len(parts) > 2:  # the room of labels is better used by the maps; other figures have them
+            ax.set(xlabel="", ylabel="", xticks=[], yticks=[])
     arena.label_outer(grid, len(parts))
-    title = f"B  Affordance map{'s' if several else ''} (C = {size}, member {parts[0].maps.member[0]})"
-    grid[0, 0].set_title(f"{title}\n{names[0]}".strip(), loc="left")
 
 
 def _shown_maps(results: Results, size: int) -> list[Painted]:
+    """The maps of `_maps_of_panel` that have room: the first, such as the paper's, and the last ones."""
+    return examples.first_and_last(_maps_of_panel(results, size), MAX_MAPS)
+
+
+def _maps_of_panel(results: Results, size: int) -> list[Painted]:
     """Maps of a context size in the last layout, the one that an experiment is about: one of each training."""
     parts = maps_of_size(results, size)
-    return [part for part in parts if part.setting.layout == parts[-1].setting.layout][:MAX_MAPS]
+    return [part for part in parts if part.setting.layout == parts[-1].setting.layout]
 
 
 def _curves(figure: Figure, cell: SubplotSpec, results: Results, settings: ReportSettings) -> None:
@@ -137,7 +152,9 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
         if size:
             maps = _shown_maps(results, size)
             world = readable(maps[0].world.name, settings)
-            kind = "Affordance map" if len(maps) == 1 else "Affordance maps, of which colours are not comparable,"
+            every = len(_maps_of_panel(results, size))
+            some = "Affordance maps" if every == len(maps) else f"{len(maps)} of {every} affordance maps"
+            kind = "Affordance map" if len(maps) == 1 else f"{some}, of which colours are not comparable,"
             code = (
                 f"(B) {kind} of member {member} at C = {size} in the world “{world}”: the context code at each "
                 "position, three principal components as red, green and blue, circles outlined."
@@ -152,8 +169,10 @@ def _caption(results: Results, settings: ReportSettings, worlds: Sequence[Painte
     else:
         parts.append("(D) Mean distance to the goal in control.")
     if results.baselines:
+        seen = any(each.planner == "seen" for each in results.baselines)
         parts.append(
-            "Dashed and dotted lines: agents without a learned model on the same runs; the oracle has true physics."
+            "Dashed and dotted lines: agents without a learned model on the same runs; the oracle has true physics"
+            + (", and “seen” is an oracle that knows no more of the world than views show." if seen else ".")
         )
     if len(results.planners) > 1:
         methods = [f"{short_name(kind)}: {PLANNERS[kind].method}" for kind in results.planners if kind in PLANNERS]

@@ -1,4 +1,4 @@
-"""Moments of runs at either end of the x axis, such as the smallest and the largest context size."""
+"""Moments of runs at either end of the x axis, such as the smallest and the largest context size, or three models."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     rows = examples.rows(results)
     moments = [examples.choose_examples(results, row) for row in rows]
     columns = max(map(len, moments))
-    figure = new_figure(0.7 + (2.55 if columns == 2 or len(rows) > 2 else 4.2) * len(rows))
+    height = 2.0 if columns > 2 else 2.55 if columns == 2 or len(rows) > 2 else 4.2
+    figure = new_figure(0.7 + height * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
     scenes = []
     for axes, row_moments, row in zip(grid, moments, rows, strict=True):
@@ -67,6 +68,9 @@ def _caption(results: Results, settings: ReportSettings) -> str:
                 f"{number(run['mean_distance'])} u"
             )
     noise = " Inside fog, plans start at the noisy reported position." if fog else ""
+    some = ""
+    if isinstance(results.x_values[0], str) and len(results.x_values) > examples.MAX_NAMES:
+        some = f" Of {len(results.x_values)} values of {results.x.label}, the first and the last two are shown."
     planner = results.planners[0]
     circles = (
         f" Blue ellipses: {NUM_DEVIATIONS} standard deviations of the predicted positions along the plan."
@@ -76,7 +80,7 @@ def _caption(results: Results, settings: ReportSettings) -> str:
     kind = f"with {PLANNERS[planner].method} planning" if planner in PLANNERS else f"by “{planner}”"
     return (
         f"One moment of each run {kind}. Runs were chosen by rule, not by hand: {examples.example_rule(results)}. "
-        f"{'; '.join(stories)}.{circles} Numbers refer to whole runs.{noise}"
+        f"{'; '.join(stories)}.{circles} Numbers refer to whole runs.{noise}{some}"
     )
 
 

@@ -1,6 +1,7 @@
 """Times to go while a door is closed and once it is open, and the way over the key."""
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 
 from affmap.control.time_to_go import TimeToGo
@@ -31,7 +32,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         codes = [map_of(one).codes[0].numpy() for one in (agent, agent.elsewhere([world.opened.map]))]
     palette = Palette.fit(np.concatenate([each.reshape(-1, each.shape[-1]) for each in codes]))
     (way,) = closed.paths(start[None])
-    key = int(world.are_open(way).argmax())  # the way has been at a key from this point on
+    at_key = world.are_open(way)  # [points], from the key on
+    key = int(at_key.argmax()) if at_key.any() else len(way) - 1
     parts = (closed, world, way[: key + 1], "closed"), (closed.opened or closed, world.opened, way[key:], "open")
     for ax, each, (made, layout, part, name) in zip(panels, codes, parts, strict=True):
         x, y = (np.linspace(0, side, count) for side, count in zip(world.size, each.shape[1::-1], strict=True))
@@ -43,15 +45,30 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         ax.set_title(f"the door is {name}", loc="left")
     panels[0].plot(*start, ls="", **arena.SIGNS["square"], color=LAYERS["start"].color, ms=4)
     arena.label_outer(np.array([panels]), 2)
-    line = Line2D([], [], color=LAYERS["way"].color, lw=LAYERS["way"].width, label="imagined way")
-    handles = [*arena.effect_handles([_without_walls(world)]), line]
+    handles: list[Artist] = [*arena.effect_handles([_without_walls(world)])]
+    if len(way) > 1:
+        handles.append(Line2D([], [], color=LAYERS["way"].color, lw=LAYERS["way"].width, label="imagined way"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    return Drawn(
-        figure,
-        f"Lines of equal times to go to the goal (cross), as member {results.runs['member'].min()} imagines them "
-        "before its first run: in steps and the cost of their uncertainty, over its affordance map. Left: while the "
-        "door is closed, no imagined step gets through it, and all ways from the room of the start (square) lead to a "
-        "key. Right: from there they go on in the map of the opened world.",
+    return Drawn(figure, caption(results.runs["member"].min(), len(way) > 1, bool(at_key.any())))
+
+
+def caption(member: int, is_way: bool, to_key: bool) -> str:
+    """Caption of a member's figure, by whether it imagines a way from the start, and one that leads to a key."""
+    if to_key:
+        way = (
+            "Left: while the door is closed, its way from the start (square; mauve line) leads to a key. Right: from "
+            "there it goes on in the map of the opened world."
+        )
+    elif is_way:
+        way = (
+            "Left: while the door is closed. Its way from the start (square; mauve line) leads to no key. Right: the "
+            "opened world."
+        )
+    else:
+        way = "Left: while the door is closed. From the start (square) it knows no way. Right: the opened world."
+    return (
+        f"Lines of equal times to go to the goal (cross), as member {member} imagines them before its first run: in "
+        f"steps and the cost of their uncertainty, over its affordance map. {way}"
     )
 
 
