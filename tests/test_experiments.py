@@ -23,7 +23,7 @@ TINY = [
     "hydra.launcher.n_jobs=1",
 ]
 COARSE = "lookup.spacing=0.25"
-SIZES, SIZE = "model.context_size=0,1", "model.context_size=4"  # a unit for each channel
+SIZES, SIZE = "model.context_size=0,1", "model.context_size=8"  # a block for each channel
 PAPER = [name for name in ROOMS if "paper_figures" in read("experiment", name)["report"]]
 CLAIMS = {
     "exp1": ("I", range(1, 9), 2 * 2),

@@ -315,6 +315,7 @@ def command(
 # fmt: off
 LINES: dict[str, list[str]] = {
     "neither a folder": ["a", "{", "}", "[", ")", "@", "+", "++", "'", "nope/..a", "a b"],
+    "names no file of conf/": ["planner=null", "model=null", "experiment=null"],
     "cannot be read": [
         "", " ", "=", "==", "=value", "key==", "a=b=c", "@=1", "~",
         "title=[1", "title={a", "title='a", 'title="a', "title=${", "title=(", "title=a)", "title=f(x)", "title=\ud800",
@@ -322,8 +323,8 @@ LINES: dict[str, list[str]] = {
         "title=" + "[" * 2000, "title=" + "[" * 2000 + "]" * 2000, "members=" + "9" * 5000, "\u202etitle=a",
         "title=${nope}", "title=${oc.env:NOPE}", "title=${title}",
         "sweep=[1]", "title=${vehicle.nope}", "model.context_size=${model.context_size}",
-        "members@x=3", "~hydra", "planner=null", "planner=3", "store=???",
-        "experiment=null", "experiment=a\0b", "model=null", "hydra=null", "hydra.mode=x",
+        "members@x=3", "~hydra", "planner=3", "store=???",
+        "experiment=a\0b", "hydra=null", "hydra.mode=x",
         "hydra.launcher.n_jobs=zero", "hydra.job.chdir=maybe", "hydra.run.dir=${nope}", "hydra.sweep.subdir=${nope}",
         "seed=choice()", "seed=choice(", "seed=range()", "seed=range(a)", "seed=range(0,9,0)", "seed=interval(0,1)",
         "seed=shuffle(range(1000000000))", "seed=shuffle()", "output=~/x", "output=a;b", "title=größer",
