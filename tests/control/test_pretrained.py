@@ -93,7 +93,7 @@ def test_transition_models_have_the_names_by_which_the_sweep_chose_them() -> Non
         affmap.load("exp6", transition="gru")
     for name, encoder in (("mlp", "plain"), ("split_one_radius", "centered"), ("given", "channels")):
         assert affmap.load("exp6_radii", transition=name, members=(301,)).stack.vision.encoder == encoder
-    listed = r"has the transition models mlp_one_radius \(MLP \(one\)\), mlp, .*, split, given; none is 'split_channels'"
+    listed = r"models mlp_one_radius \(MLP \(one\)\), mlp, .*, split, given; none is 'split_channels'"
     with pytest.raises(ConfigError, match=listed):
         affmap.load("exp6_radii", transition="split_channels")
 
