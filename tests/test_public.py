@@ -578,6 +578,8 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
         percent("exp6", model, "procedural_hard", "model_transition") for model in ("split", "mlp", "split_channels")
     )
     assert f"In hard worlds {split} of the runs succeed, {paper} with the paper's model, and {given} where" in text
+    claims = pd.read_csv(ROOT / "runs/reference/exp6/tables/claims.csv").set_index(["claim", "part"])["effect"]
+    assert "are missed: {:.2f} and {:.2f}.".format(*(claims["VI-2", part] for part in ("hard", "crowded"))) in text
     guided, greedy = (
         [percent("exp7", agent, layout, "lookahead") for layout in ("trap", "rooms", "spiral")]
         for agent in ("time_to_go", "horizon_20")
