@@ -13,6 +13,7 @@ from .control.evaluation import evaluate as evaluate
 from .control.pilot import Pilot as Pilot
 from .control.pretrained import load as load
 from .control.registry import register_agent as register_agent
+from .control.scoring import score as score
 from .control.settings import ControlSettings as ControlSettings
 from .control.time_to_go import TimeToGo as TimeToGo
 from .data.settings import Exploration as Exploration

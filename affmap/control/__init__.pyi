@@ -10,8 +10,10 @@ from .oracle import HalfOracle as HalfOracle
 from .oracle import Oracle as Oracle
 from .pilot import Pilot as Pilot
 from .pretrained import load as load
+from .protocol import Protocol as Protocol
 from .random import RandomAgent as RandomAgent
 from .registry import register_agent as register_agent
+from .scoring import score as score
 from .settings import ControlSettings as ControlSettings
 from .straight import StraightAgent as StraightAgent
 from .time_to_go import TimeToGo as TimeToGo

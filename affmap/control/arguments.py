@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +41,38 @@ def agent(given: Any) -> Controller:
     Raises:
         ConfigError: it is none.
     """
-    if isinstance(given, type) or not all(callable(getattr(given, name, None)) for name in ("initial", "act")):
+    if not is_agent(given):
         raise ConfigError(f"agent = {format_value(given)} is not allowed; give an agent, such as affmap.load('exp1').")
     controller: Controller = given
     return controller
+
+
+def is_agent(given: Any) -> bool:
+    """Whether something has the methods of a controller, and is no class of them."""
+    return not isinstance(given, type) and all(callable(getattr(given, name, None)) for name in ("initial", "act"))
+
+
+def named(given: Controller | Mapping[str, Controller]) -> dict[str, Controller]:
+    """Several agents by their names; a single one has that of its planner.
+
+    Raises:
+        ConfigError: they have no names, or one of them is no agent.
+    """
+    if isinstance(given, Sequence):
+        raise ConfigError(
+            f"agents = {format_value(given)} is not allowed; give an agent, such as affmap.load('exp1'), or several "
+            "by their names, such as {'mine': affmap.load('exp1')}."
+        )
+    every = dict(given) if isinstance(given, Mapping) else {_kind(given): given}
+    for each in every.values():
+        agent(each)
+    return every
+
+
+def _kind(agent: Controller) -> str:
+    """The kind of an agent as in tables of reports: that of its planner, or its own."""
+    part = agent.planner if isinstance(agent, PlanningAgent) else agent
+    return str(getattr(part, "kind", type(part).__name__))
 
 
 def settings(controller: Controller, runs: int | None, steps: int | None) -> ControlSettings:

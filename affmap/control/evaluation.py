@@ -11,7 +11,6 @@ from affmap.control import arguments
 from affmap.control.agent import Agent, seeds_of
 from affmap.control.controller import Controller
 from affmap.control.episodes import Runs, bring, control
-from affmap.control.mpc import PlanningAgent
 from affmap.control.oracle import HalfOracle
 from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
@@ -20,7 +19,6 @@ from affmap.env.rules import Rules
 from affmap.progress import reported, silent
 from affmap.random import generator
 from affmap.settings import ConfigError
-from affmap.settings.messages import format_value
 from affmap.threads import limited
 
 
@@ -64,14 +62,7 @@ def evaluate(
     Warns:
         UserWarning: the vehicle is another than an agent was trained with.
     """
-    if isinstance(agents, Sequence):
-        raise ConfigError(
-            f"agents = {format_value(agents)} is not allowed; give an agent, such as affmap.load('exp1'), or several "
-            "by their names, such as {'mine': affmap.load('exp1')}."
-        )
-    named = agents if isinstance(agents, Mapping) else {_kind(agents): agents}
-    for agent in named.values():
-        arguments.agent(agent)
+    named = arguments.named(agents)
     places = arguments.layouts(layouts)
     twice = [name for name, count in Counter(place.name for place in places).items() if count > 1]
     if twice:
@@ -98,12 +89,6 @@ def _worlds(place: Layout | Rules, agent: Controller, num_runs: int, seed: int) 
         return [place]
     streams = arguments.streams(seeds_of(agent), num_runs, seed)
     return [place.draw(generator(member, "world", *keys)) for member, *keys in streams]
-
-
-def _kind(agent: Controller) -> str:
-    """The kind of an agent as in tables of reports: that of its planner, or its own."""
-    part = agent.planner if isinstance(agent, PlanningAgent) else agent
-    return str(getattr(part, "kind", type(part).__name__))
 
 
 def _table(name: str, agent: Controller, layout: str, flown: Runs) -> pd.DataFrame:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,7 +33,7 @@ def load(
     source: str | Path = "exp1",
     *,
     context_size: int | None = None,
-    members: Sequence[int] | None = None,
+    members: Sequence[int] | Literal["all"] | None = None,
     planner: Planner | Mapping[str, Any] | str | None = None,
     layout: str | None = None,
     transition: str | None = None,
@@ -46,7 +46,8 @@ def load(
             experiment of the reference run, such as `exp5` (an installed package has only a part of it); or the
             folder of an agent that was saved (`Agent.save`).
         context_size: C, of those that the experiment has, by default 8; that of a saved agent.
-        members: seeds of the members to load, of M; by default the first of an experiment, and all of a saved agent.
+        members: seeds of the members to load, of M, or `all`; by default the first of an experiment, and all of a saved
+            agent.
         planner: any planner; or the name of a file of `conf/planner`; or changes of the default, such as
             `{"num_iterations": 5}`, which is that of the first job, or a saved agent's own.
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
@@ -66,7 +67,8 @@ def load(
             f"source = {format_value(source)} is not allowed; give a folder, or the name of an experiment, such as "
             "'exp1'."
         )
-    members = None if members is None else _members(members)
+    every = members == "all"
+    members = None if members is None or every else _members(members)
     if saved.is_saved(Path(source)):
         with limited(threads):
             return _load_saved(Path(source), context_size, members, planner, layout, transition)
@@ -76,7 +78,8 @@ def load(
     job = _job(record, report, source, context_size, layout, transition)
     config = provenance.config_of(record, job["control"][0])
     if members is None:
-        members = (provenance.config_of(record, job["train"][0])["seed"],)
+        trained = provenance.config_of(record, job["train"][0])
+        members = range(trained["seed"], trained["seed"] + (trained["members"] if every else 1))
     stack, losses = read_members(report.parent / "store" / "train", source, job["train"], members)
     first = first_layout(config["control_layout"], members[0])
     with limited(threads):

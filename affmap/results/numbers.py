@@ -30,6 +30,12 @@ def interval(value: float | None, low: float | None, high: float | None, unit: s
     return f"{size} {unit}" if low is None else f"{size} [{', '.join(ends)}] {unit}"
 
 
+def estimate(value: float | None, low: float | None, high: float | None) -> str:
+    """A value with its 95 % interval; an en dash if there is none."""
+    text = number(value)
+    return text if text == NOTHING else f"{text} [{number(low)}, {number(high)}]"
+
+
 def p_value(value: float | None) -> str:
     """A p value to three digits; an en dash if there is none."""
     if value is None:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.metadata import Distribution, distribution, entry_points, packages_distributions
@@ -18,7 +20,7 @@ from pathlib import Path
 from traceback import extract_tb
 from typing import Any
 
-from affmap.settings.messages import VARIABLE, ConfigError, format_value, one_line
+from affmap.settings.messages import VARIABLE, ConfigError, alternatives, format_value, one_line
 
 GROUP = "affmap"
 """Group of entry points; the value of each is a module."""
@@ -43,21 +45,69 @@ def _load(names: str) -> None:
             entry.module, f"the entry point {entry.name!r} of {_title(entry.dist)}", "mend or uninstall the package"
         )
     if names:
-        sys.path += [folder for folder in (str(Path.cwd()),) if folder not in sys.path]  # last, so it hides nothing
-    origin = f"{VARIABLE} = {format_value(names)}"
+        _look_here()
+    origin, remedy = f"{VARIABLE} = {format_value(names)}", f"correct the name or the module, or unset {VARIABLE}"
     for name in filter(None, map(str.strip, names.split(","))):
-        _import(name, origin, f"correct the name or the module, or unset {VARIABLE}")
-        _check_own(name, origin)
+        _import(name, origin, remedy)
+        _check_own(name, origin, f"also in {VARIABLE}")
 
 
-def _check_own(module: str, origin: str) -> None:
+def make(place: str) -> Any:
+    """Call a function or a class of a module, `module:name`, which may lie in the current folder, without arguments.
+
+    Raises:
+        ConfigError: there is no such module or name, or it cannot be imported or called.
+    """
+    module, _, name = place.partition(":")
+    if not re.fullmatch(r"\w+(\.\w+)*:\w+", place):
+        raise ConfigError(f"{format_value(place)} names no function; write module:function, such as mine:agent.")
+    _look_here()
+    _import(module, place, "correct the name or the module")
+    _check_own(module, place, "and its name here")
+    there = vars(sys.modules[module])
+    if not callable(there.get(name)):
+        own = [key for key, value in there.items() if callable(value) and getattr(value, "__module__", "") == module]
+        remedy = alternatives(name, own) if own else "define one."
+        raise ConfigError(f"{place}: {module!r} has no function or class {name!r}; {remedy}")
+    with blamed(place, f"calling {name}"):
+        return there[name]()
+
+
+@contextmanager
+def blamed(place: str, work: str) -> Iterator[None]:
+    """Turn an error in a block that runs code of users into a sentence.
+
+    Args:
+        place: of the code, `module:name`.
+        work: that the block does.
+
+    Raises:
+        ConfigError: anything that the block raises; the message names the last line of the module that took part.
+    """
+    try:
+        yield
+    except ConfigError:
+        raise
+    except Exception as error:
+        source = _source(place.partition(":")[0])
+        lines = [frame for frame in extract_tb(error.__traceback__) if source and Path(frame.filename) == source]
+        where = f" in {lines[-1].filename}, line {lines[-1].lineno}," if lines else ""
+        raise ConfigError(f"{place}: {work} failed{where} with {_reason(error)}; correct the module.") from error
+
+
+def _look_here() -> None:
+    """Let imports find modules of the current folder."""
+    sys.path += [folder for folder in (str(Path.cwd()),) if folder not in sys.path]  # last, so it hides nothing
+
+
+def _check_own(module: str, origin: str, rename: str) -> None:
     """Make sure that a module of the current folder is the one that was imported under its name."""
     place, found = Path.cwd().joinpath(*module.split(".")), _source(module)
     own = [path for path in (place / "__init__.py", place.with_suffix(".py")) if path.is_file()]
     if own and not (found and any(path.samefile(found) for path in own)):
         raise ConfigError(
             f"{origin}: Python has another module {module!r}, {found or 'built in'}, which hides {own[0]}; "
-            f"rename your module, also in {VARIABLE}."
+            f"rename your module, {rename}."
         )
 
 
@@ -65,9 +115,12 @@ def _import(module: str, origin: str, remedy: str) -> None:
     try:
         import_module(module)
     except Exception as error:
-        reason = one_line(f"{type(error).__name__}: {error}", 300).rstrip(".")
-        place = _place(error)
+        place, reason = _place(error), _reason(error)
         raise ConfigError(f"{origin}: importing {module!r} failed{place} with {reason}; {remedy}.") from error
+
+
+def _reason(error: Exception) -> str:
+    return one_line(f"{type(error).__name__}: {error}", 300).rstrip(".")
 
 
 def _place(error: Exception) -> str:
@@ -112,10 +165,26 @@ def origins(config: Mapping[str, Any]) -> list[dict[str, str]]:
     """
     leaves = [*_leaves(config)] if _outside else []
     return [
-        {"name": f"{place}={name}", **_origin(module)}
+        {"name": f"{place}={name}", **origin(module)}
         for (place, name), module in sorted(_outside.items())
         if any(f".{key}".endswith(f".{place}") and value == name for key, value in leaves)
     ]
+
+
+def origin(module: str) -> dict[str, str]:
+    """The origin of a module that was imported: its name, the `sha256` of its file, and its installed distribution."""
+    path, found = _source(module), _distribution(module.partition(".")[0])
+    return {
+        "module": module,
+        **({"sha256": hashlib.sha256(path.read_bytes()).hexdigest()} if path else {}),
+        **({"distribution": found.name, "version": found.version} if found else {}),
+    }
+
+
+def own_files(module: str) -> list[Path]:
+    """The file of a module that lies in the current folder; none for a package, or a module from elsewhere."""
+    path = Path.cwd() / f"{module}.py"
+    return [path] if path.is_file() else []
 
 
 def sources() -> list[Path]:
@@ -127,15 +196,6 @@ def _source(module: str) -> Path | None:
     """The file of a module; None in a notebook."""
     file = getattr(sys.modules.get(module), "__file__", None)
     return Path(file) if file and Path(file).is_file() else None
-
-
-def _origin(module: str) -> dict[str, str]:
-    path, found = _source(module), _distribution(module.partition(".")[0])
-    return {
-        "module": module,
-        **({"sha256": hashlib.sha256(path.read_bytes()).hexdigest()} if path else {}),
-        **({"distribution": found.name, "version": found.version} if found else {}),
-    }
 
 
 @cache

@@ -29,7 +29,7 @@ def test_a_layout_is_a_world_everywhere(
 ) -> None:
     """As `affmap world=fog` says; another name is refused, and this one is listed."""
     message = told(name, monkeypatch, capsys, "exp1", "--layout", "fog")
-    assert message.startswith("--layout is not known here; there are: --help, --world, ")
+    assert message.startswith("--layout is not known here; there are: --help, --version, --world, ")
     assert told(name, monkeypatch, capsys, "--wrld", "fog") == "--wrld is not known here; did you mean --world?\n"
 
 
