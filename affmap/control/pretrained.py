@@ -67,7 +67,7 @@ def load(
             f"source = {format_value(source)} is not allowed; give a folder, or the name of an experiment, such as "
             "'exp1'."
         )
-    every = members == "all"
+    every = isinstance(members, str) and members == "all"
     members = None if members is None or every else _members(members)
     if saved.is_saved(Path(source)):
         with limited(threads):
@@ -104,7 +104,7 @@ def _members(given: Any) -> tuple[int, ...]:
     seeds: list[Any] = [*given] if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else [None]
     if not all(isinstance(each, int | np.integer) and not isinstance(each, bool) for each in seeds):
         raise ConfigError(
-            f"members = {format_value(given)} is not allowed; give the seeds of members, such as (0, 1, 2)."
+            f"members = {format_value(given)} is not allowed; give the seeds of members, such as (0, 1, 2), or 'all'."
         )
     if not seeds:
         raise ConfigError(f"members = {format_value(given)} is not allowed; give at least one seed, such as (0,).")

@@ -190,8 +190,11 @@ def test_a_mistake_is_told(ran: Path) -> None:
             r"^members = \(\) is not allowed; give at least one seed, such as \(0,\)\.$",
         ),
         ({"source": "exp1", "context_size": 4}, r"^exp1 has models of the context sizes \[0, 1, 3, 5, 8\], and none"),
-        ({"source": "exp1", "members": 3}, r"^members = 3 is not allowed; give the seeds .* such as \(0, 1, 2\)\.$"),
-        ({"source": "exp1", "members": "all"}, r"^members = 'all' is not allowed; give the seeds"),
+        (
+            {"source": "exp1", "members": 3},
+            r"^members = 3 is not allowed; give the seeds .* such as \(0, 1, 2\), or 'all'\.$",
+        ),
+        ({"source": "exp1", "members": "every"}, r"^members = 'every' is not allowed; give the seeds"),
         ({"source": "exp1", "members": (0.5,)}, r"^members = \(0\.5,\) is not allowed; give the seeds"),
         ({"source": "exp1", "members": (1, 1)}, r"^members = \(1, 1\) names a member twice; give each seed once\.$"),
         ({"source": "exp1", "planner": "pid"}, "conf/planner holds: cem, gradient"),
