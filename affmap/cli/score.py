@@ -70,29 +70,29 @@ def _score(given: Namespace, line: str) -> None:
     name, begun = given.name or _name(given.source, agent), time.perf_counter()
     with limited(1), extensions.blamed(given.source, "flying") if _is_own(given.source) else nullcontext():
         runs = protocol.fly(agent, reported)
-    seconds = time.perf_counter() - begun
+    members, rules = len(seeds_of(agent)), {"name": protocol.name, "digest": protocol.digest}
+    if given.output:  # first, so that it is kept whatever comes; and the oracle need not fly again for its own score
+        seconds = round(time.perf_counter() - begun, 1)
+        record = {"agent": name, "members": members, "protocol": rules, "seconds": seconds, **circumstances()}
+        _keep(given, runs, {**record, "command": line})
     table = leaderboard.scores(runs, *references(protocol), protocol.control.num_steps)
-    members, rules = counted(len(seeds_of(agent)), "member"), f"{protocol.name} ({protocol.digest})"
-    print(f"{printable(name)}: {members}, {protocol.num_runs} runs in each world of {rules}")
+    flown = f"{counted(members, 'member')}, {protocol.num_runs} runs in each world"
+    print(f"{printable(name)}: {flown} of {protocol.name} ({protocol.digest})")
     console().print(_table(table))
     if missing := [world.name for world in protocol.worlds if world.name not in {*runs["world"]}]:
         print(f"The agent has not learned the channels of {', '.join(missing)}, and so has no mean.")
     if given.output:
-        record: dict[str, Any] = {
-            "title": f"Runs of {name}",
-            "agent": name,
-            "members": len(seeds_of(agent)),
-            "protocol": {"name": protocol.name, "digest": protocol.digest},
-            "seconds": round(seconds, 1),
-            **circumstances(),
-            "command": line,
-        }
-        sources = []
-        if _is_own(given.source):
-            module = given.source.partition(":")[0]
-            record["extensions"], sources = [extensions.origin(module)], extensions.own_files(module)
-        leaderboard.write(given.output, runs, record, sources)
         print(f"The runs are kept in {given.output}")
+
+
+def _keep(given: Namespace, runs: pd.DataFrame, record: dict[str, Any]) -> None:
+    """Write runs and their record; and, for an agent of a module in the current folder, that one's file."""
+    if not _is_own(given.source):
+        leaderboard.write(given.output, runs, record)
+        return
+    module = given.source.partition(":")[0]
+    record = {**record, "extensions": [extensions.origin(module)]}
+    leaderboard.write(given.output, runs, record, extensions.own_files(module))
 
 
 def _is_own(source: str) -> bool:
