@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hydra.core.hydra_config import HydraConfig
 
-from affmap.cli import publish, report, run, status
+from affmap.cli import publish, report, run, score, status
 from affmap.config import sweep
 from affmap.config.root import Config
 
@@ -32,6 +32,7 @@ COMMANDS = {
     "affmap-status": status.main,
     "affmap-report": report.main,
     "affmap-publish": publish.main,
+    "affmap-score": score.main,
 }
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "200"}
 

@@ -35,7 +35,7 @@ World = Annotated[Layout | Rules, PlainValidator(load_layout), PlainSerializer(l
 
 
 def _planner(given: Any) -> Any:
-    return read("planner", given) if isinstance(given, str) else given
+    return changed("planner", read("planner", "cem"), given)
 
 
 def _control(given: Any) -> Any:
@@ -54,9 +54,9 @@ class Protocol(Settings, defaults="protocol/eight_worlds"):
     seed: Seed = preset()
     """Seed of worlds, starts, goals and noise."""
     vehicle: Annotated[Vehicle, BeforeValidator(load_vehicle)] = preset()
-    """A file of `conf/vehicle`, which all agents fly."""
+    """A file of `conf/vehicle`, or changes of `default`; all agents fly it."""
     planner: Annotated[AnyPlanner, BeforeValidator(_planner)] = preset()
-    """A file of `conf/planner`, that of the oracle."""
+    """A file of `conf/planner`, or changes of `cem`: that of the oracle."""
     control: Annotated[ControlSettings, BeforeValidator(_control)] = preset()
     """Changes of `conf/control/default.yaml`: `num_steps`, `runs_per_member` (in each world, of all members together)
     and `goal_radius` for all agents, the others for the oracle."""

@@ -56,6 +56,8 @@ def score(
         UserWarning: an agent was trained with another vehicle.
     """
     named, rules = arguments.named(agents), load_protocol(protocol)
+    if not named:
+        raise ConfigError("score needs an agent, as in affmap.score(agent).")
     show = reported if progress else silent
     with limited(threads):
         flown = {name: rules.fly(agent, show) for name, agent in named.items()}

@@ -20,7 +20,7 @@ from affmap.config.root import Config
 from affmap.report.markdown import code, table
 
 CONF = ROOT / "conf"
-ELSEWHERE = ("hydra", "layout")
+ELSEWHERE = ("hydra", "layout", "protocol")
 """Folders of `conf` that are no groups of the command line."""
 
 

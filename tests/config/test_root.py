@@ -31,7 +31,9 @@ from affmap.training.settings import TrainingSettings
 CONF = folder()
 NESTED = ["model/transition"]
 """Groups of what a part of another group is made of; other folders in those of groups hold more of their options."""
-GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", "layout")) + NESTED
+BY_NAME = ("layout", "protocol")
+"""Groups whose files are chosen by name, not by Hydra."""
+GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name not in ("hydra", *BY_NAME)) + NESTED
 LAYOUTS = sorted(path.stem for path in (CONF / "layout").glob("*.yaml"))
 OPTIONS = [
     (group, str(path.relative_to(CONF / group).with_suffix("")))
@@ -121,8 +123,8 @@ def test_every_file_is_an_option_of_a_group_of_the_root() -> None:
     root = content(CONF / "config.yaml")["defaults"]
     groups = {key.removeprefix("override ") for entry in root if isinstance(entry, dict) for key in entry}
     assert {group for group in groups if not group.startswith("hydra/")} == set(GROUPS)
-    options = [*OPTIONS, *(("layout", name) for name in LAYOUTS)]  # layouts are chosen by name, not by Hydra
-    known = {CONF / "config.yaml", *(CONF / group / f"{option}.yaml" for group, option in options)}
+    named = {path for group in BY_NAME for path in (CONF / group).glob("*.yaml")}
+    known = {CONF / "config.yaml", *named, *(CONF / group / f"{option}.yaml" for group, option in OPTIONS)}
     assert {path for path in CONF.rglob("*.yaml") if "hydra" not in path.parts} == known
     assert {str(path.relative_to(CONF / "hydra")) for path in CONF.glob("hydra/**/*.yaml")} == {
         "hydra_logging/affmap.yaml",
