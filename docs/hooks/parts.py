@@ -12,6 +12,8 @@ becomes
 | `../conf/layout` | cards of all environments |
 | `../conf` | every group and key of the configuration |
 | `../affmap/cli` | a table of all commands |
+| `../runs/reference/scores` | the table of scored agents; with a filter, another column of it |
+| `../conf/protocol/eight_worlds.yaml` | an evaluation protocol, and its digest |
 
 Paths are those from a page in `docs`. Figures that the code of a page draws are in `plots.py`.
 """
@@ -25,6 +27,7 @@ from typing import Any
 
 import commands
 import environments
+import leaderboard
 import settings
 from excerpt import excerpt
 from links import resolve, translate
@@ -97,5 +100,7 @@ PARTS: dict[str, Callable[..., str]] = {
     r"conf/layout": environments.gallery,
     r"conf": settings.settings,
     r"affmap/cli": commands.index,
+    r"runs/reference/scores": leaderboard.scores,
+    r"conf/protocol/(\w+)\.yaml": leaderboard.protocol,
 }
 """Path in the repository -> the part of the page that a link to it becomes."""

@@ -14,7 +14,7 @@ from safetensors.torch import load_file
 
 import affmap
 from affmap import pipeline
-from affmap.control import pretrained
+from affmap.control import Protocol, pretrained, scoring
 from affmap.env.procedural import Procedural
 from affmap.model.lookup import AffordanceMap
 from affmap.model.weights import WEIGHTS
@@ -44,6 +44,13 @@ def test_a_reference_agent_is_what_was_published() -> None:
     assert isinstance(agent.planner, CEMPlanner) and agent.planner.num_iterations == 5
     assert isinstance(agent.lookup, AffordanceMap)
     assert agent.lookup.worlds == [affmap.Layout.load("layout", "fog").map]
+
+
+def test_all_members_can_be_loaded_without_their_seeds(tmp_path: Path) -> None:
+    """The 25 of an experiment; of a saved agent, those that it has."""
+    assert affmap.load("exp1", context_size=0, members="all").seeds == tuple(range(25))
+    affmap.load("exp1", context_size=0, members=(2, 5)).save(tmp_path / "mine")
+    assert affmap.load(tmp_path / "mine", members="all").seeds == (2, 5)
 
 
 def test_a_planner_can_be_named_or_given() -> None:
@@ -128,7 +135,11 @@ def test_what_comes_with_the_package_can_be_flown(tmp_path: Path, monkeypatch: p
         shutil.copy(ROOT / source, tmp_path / place)
     weights = tmp_path.rglob("*.safetensors")
     assert sum(path.stat().st_size for path in weights) < 2**20
-    monkeypatch.setattr(pretrained, "reference", lambda: tmp_path / "affmap/reference")
+    for module in (pretrained, scoring):
+        monkeypatch.setattr(module, "reference", lambda: tmp_path / "affmap/reference")
+    monkeypatch.setattr(Protocol, "fly", None)  # the ends of the scale need no flight
+    oracle, random = scoring.references(Protocol())
+    assert oracle["success"].mean() > 0.9 and random["success"].mean() < 0.1
     for name, sizes in {"exp1": [0, 1, 3, 5, 8], "exp2": [0, 1, 3, 5, 8], "exp4": [0, 8], "exp5": [0, 8]}.items():
         assert pretrained.origin(name).context_sizes == sizes
         for size in sizes:
