@@ -5,8 +5,9 @@
     >>> runs.table[["member", "run", "reached", "mean_distance"]]
     >>> affmap.plot.trajectories(runs)
 
-`affmap.evaluate` compares agents. `affmap.CEMPlanner`, `affmap.Vehicle` and others are settings: a call takes keys that
-are left out from the files of `conf`. The `register_` functions make planners, agents and others of your own known.
+`affmap.evaluate` compares agents, and `affmap.score` gives any agent one number under a protocol that is the same for
+everybody. `affmap.CEMPlanner`, `affmap.Vehicle` and others are settings: a call takes keys that are left out from the
+files of `conf`. The `register_` functions make planners, agents and others of your own known.
 
 Axes in docstrings: M members, B problems (agents, member-major), N candidates, H planning horizon, T recorded time,
 K channels of the view, C context code. Lengths are in units (u), the arena is 3 u x 2 u; likelihoods are in nats.
