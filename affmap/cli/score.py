@@ -1,4 +1,4 @@
-"""The command `affmap-score`: score an agent under an evaluation protocol, where the oracle has 1 and chance 0."""
+"""The command `affmap-score`: score an agent between chance, 0, and the true physics, 1, under a protocol."""
 
 import shlex
 import sys
@@ -31,7 +31,7 @@ from affmap.settings.messages import format_value, printable
 from affmap.store.provenance import circumstances, without_paths
 from affmap.threads import limited
 
-PURPOSE = "score an agent under an evaluation protocol, where the oracle has 1 and chance 0."
+PURPOSE = "score an agent between chance, 0, and the true physics, 1."
 
 EXAMPLES = """\
   affmap-score mine:Agent   what Agent() of mine.py in this folder returns: any controller
