@@ -20,6 +20,7 @@ from affmap.control import HalfOracle, Oracle
 from affmap.env.procedural import Procedural, load
 from affmap.model.registry import GRUSettings
 from affmap.random import generator
+from affmap.results import leaderboard
 from hydra_plugins.hyperopt_sweeper.hyperopt_sweeper import HyperoptConf
 
 ROOT = Path(__file__).parents[1]
@@ -195,6 +196,23 @@ def test_links_lead_to_files(name: str) -> None:
     links = re.findall(r"\]\(([^)\s]+)\)", (ROOT / name).read_text("utf-8"))
     inside = [link.partition("#")[0] for link in links if "://" not in link]
     assert inside and [link for link in inside if not (ROOT / link).exists()] == []
+
+
+def scores(name: str) -> pd.DataFrame:
+    """Published scores of an agent, by world."""
+    rows = {each: leaderboard.read(ROOT / "runs/reference/scores" / each)[1] for each in (name, "oracle", "random")}
+    return leaderboard.scores(rows[name], rows["oracle"], rows["random"], num_steps=200).set_index("world")
+
+
+def test_the_page_on_scores_says_what_straight_flights_show() -> None:
+    """Of the first two worlds, and of fog; and the oracle is better than chance everywhere."""
+    straight, oracle, said = scores("straight"), scores("oracle"), page("docs/scores.md")
+    assert (straight["success"].iloc[:2] > 0.95).all() and (straight["score"].iloc[:2] < 0.5).all()
+    assert "arrives in nearly all runs of the first two worlds, but late" in said
+    fog = straight.loc["training_fog"]
+    assert fog["mean_distance"] < oracle.loc["training_fog", "mean_distance"] and fog["success"] == 0
+    assert "in `training_fog` the same agent is nearer to the goal than the oracle, and lost" in said
+    assert oracle["score"].eq(1).all() and "no better than chance there is no score; here that does not happen" in said
 
 
 def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> None:

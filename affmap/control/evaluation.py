@@ -36,7 +36,7 @@ def evaluate(
     """Let agents fly in layouts, and return a tidy table.
 
     Starts, goals and random worlds depend on the member's seed, the number of the run and `seed` only, so that agents
-    are compared on the same ones; with seed 0 they are those of reports. `affmap.score` fixes them and the layouts, too.
+    are compared on the same ones; with seed 0 they are those of reports. `affmap.score` fixes layouts, too.
 
     Args:
         agents: an agent, or several by their names in the table; any controllers, as for `affmap.fly`.
