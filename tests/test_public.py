@@ -215,6 +215,25 @@ def test_the_page_on_scores_says_what_straight_flights_show() -> None:
     assert oracle["score"].eq(1).all() and "no better than chance there is no score; here that does not happen" in said
 
 
+def test_the_page_on_scores_says_what_learned_agents_reach() -> None:
+    """Means over worlds, and the world that is named."""
+    shown = {
+        "with eight context units has {}": ("exp5", "mean"),
+        "with 32 units {}": ("exp5_32", "mean"),
+        "with a map of times to go {}": ("exp5_time_to_go", "mean"),
+        "leaves the trap ({}": ("exp5_time_to_go", "trap"),
+        "instead of {})": ("exp5", "trap"),
+        "circles of several radii in training it has {}.": ("exp6_radii_time_to_go", "mean"),
+        "is in crowded worlds, {}.": ("exp6_radii_time_to_go", "procedural_crowded_hard"),
+        "Gradient-based planning has {}": ("exp5_gradient", "mean"),
+        "flies straight ahead, without a model, {}.": ("straight", "mean"),
+    }
+    for words, (name, world) in shown.items():
+        assert words.format(f"{scores(name).loc[world, 'score']:.2f}") in page("docs/scores.md"), words
+    best = scores("exp6_radii_time_to_go")["score"].drop("mean")
+    assert (1 - best).idxmax() == "procedural_crowded_hard" and (1 - best).max() > (1 - best).sum() / 2
+
+
 def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> None:
     """Every comparison with exact look-ups that did not end as "same" is named."""
     table = pd.read_csv(ROOT / "runs/reference/lookups/tables/lookup_spacing.csv")
