@@ -224,7 +224,9 @@ def test_the_page_on_scores_says_what_learned_agents_reach() -> None:
         "leaves the trap ({}": ("exp5_time_to_go", "trap"),
         "instead of {})": ("exp5", "trap"),
         "circles of several radii in training it has {}.": ("exp6_radii_time_to_go", "mean"),
-        "is in crowded worlds, {}.": ("exp6_radii_time_to_go", "procedural_crowded_hard"),
+        "is in crowded worlds, {};": ("exp6_radii_time_to_go", "procedural_crowded_hard"),
+        "no more than views show has {} there": ("seen", "procedural_crowded_hard"),
+        "there, and {} in all": ("seen", "mean"),
         "Gradient-based planning has {}": ("exp5_gradient", "mean"),
         "flies straight ahead, without a model, {}.": ("straight", "mean"),
     }
