@@ -50,7 +50,7 @@ class Learners:
     """How random actions are drawn."""
     settings: OnlineLearning
     training: TrainingSettings
-    rounds: list[list[Round]] = field(default_factory=list)
+    rounds: list[list[Round]] = field(default_factory=list, repr=False)
     """Of each agent, R so far."""
 
     def __post_init__(self) -> None:
