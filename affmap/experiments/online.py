@@ -85,7 +85,7 @@ class Online:
         for kind in kinds:
             first, second = score(kind), score(than)
             if len(first) == len(second) > 0:
-                outcome = claims.with_note(test(first, second), [self._note])
+                outcome = claims.with_note(test(first, second), [self.note])
             else:
                 outcome = statistics.undecided(claims.SIGNED_RANK, 0, f"needs agents of {kind} and of {than}")
             criteria.append(Criterion(kind, f"{kind} minus {than}", unit, outcome, f"{kind.capitalize()}: {says}"))
@@ -93,11 +93,12 @@ class Online:
 
     def level(self, kind: str, unit: str, scores: Floats, test: Callable[[Floats], Outcome], says: str) -> Criterion:
         """Test the level of the scores `[A]` of a kind."""
-        outcome = claims.with_note(test(scores), [self._note if len(scores) else f"needs agents of {kind}"])
+        outcome = claims.with_note(test(scores), [self.note if len(scores) else f"needs agents of {kind}"])
         return Criterion(kind, "share", unit, outcome, says)
 
     @property
-    def _note(self) -> str:
+    def note(self) -> str:
+        """A note for tests whose members are agents."""
         return f"a member is an agent of {self.committee} models"
 
     def _by_agent(self, scores: "pd.Series[float]", center: Callable[..., Floats]) -> Floats:

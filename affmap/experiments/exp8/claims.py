@@ -3,7 +3,7 @@
 from functools import partial
 
 from affmap.experiments.online import OFFLINE, ONLINE, RANDOM, SEEKING, Online, lower, not_higher
-from affmap.results import statistics
+from affmap.results import claims, statistics
 from affmap.results.claims import Claim, Criterion
 from affmap.results.metrics import METRICS
 from affmap.results.tables import Results
@@ -39,7 +39,7 @@ def _moved(results: Results) -> list[Criterion]:
         before, after = (online.scores(kind, "reached", layout) for layout in (HOME, MOVED))
         says = f"{kind.capitalize()}: at most {SHARE:g} fewer of the runs reach the goal."
         if len(before) == len(after) > 0:
-            outcome = statistics.at_least(after - before, -SHARE)
+            outcome = claims.with_note(statistics.at_least(after - before, -SHARE), [online.note])
         else:
             outcome = statistics.undecided("95 % interval", 0, f"needs runs in {HOME} and in {MOVED}")
         criteria.append(Criterion(kind, "moved minus as explored", METRICS["reached"].unit, outcome, says))

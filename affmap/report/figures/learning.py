@@ -9,7 +9,7 @@ from matplotlib.figure import SubFigure
 
 from affmap.env.layout import Layout
 from affmap.report.drawing import arena
-from affmap.report.drawing.colors import names_of, x_colors
+from affmap.report.drawing.colors import readable, x_colors
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results.files import Experience, Floats
 from affmap.results.metrics import METRICS
@@ -49,8 +49,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         return None
     last = min(len(kind.losses) for kind in online)
     rounds = [*(number for number in EARLIER if number < last), last]
-    figure = new_figure(2.5 + 1.25 * len(rounds))
-    above, below = figure.subfigures(2, 1, height_ratios=(2.5, 1.25 * len(rounds)), squeeze=False)[:, 0]
+    figure = new_figure(3.0 + 1.2 * len(rounds))
+    above, below = figure.subfigures(2, 1, height_ratios=(2.4, 0.6 + 1.2 * len(rounds)), squeeze=False)[:, 0]
     losses, coverage, share = above.subplots(1, 3)
     _losses(losses, kinds)
     _shares(coverage, online, [kind.experience.coverage for kind in online if kind.experience])
@@ -69,8 +69,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
 def _kinds(results: Results, settings: ReportSettings) -> list[Kind]:
     """The kinds of learning of a report, in its order; none where they were not varied."""
     values = list(dict.fromkeys(each.values[LEARNING.key] for each in results.settings if LEARNING.key in each.values))
-    names, colors = names_of(LEARNING, values, settings), x_colors(LEARNING, values) if values else {}
-    return [_kind(results, value, names[value], colors[value]) for value in values]
+    colors = x_colors(LEARNING, values) if values else {}
+    return [_kind(results, value, readable(str(value), settings), colors[value]) for value in values]
 
 
 def _kind(results: Results, value: Value, name: str, color: str) -> Kind:
@@ -114,10 +114,10 @@ def _places(panel: SubFigure, online: Sequence[Kind], rounds: Sequence[int]) -> 
     for column, (kind, experience, visits) in zip(grid.T, parts, strict=True):
         for ax, number in zip(column, rounds, strict=True):
             image = arena.visit_image(ax, visits[number - 1], experience.free[0], kind.layouts[0], most)
-            steps = f"{experience.steps[number - 1]:,} steps"
-            ax.set_title(f"{kind.name}: {steps}" if number == rounds[0] else steps, loc="left", fontsize=7)
+            ax.set_title(kind.name if number == rounds[0] else "", loc="left")
+            ax.set_ylabel(f"{experience.steps[number - 1]:,} steps\ny (u)")
             ax.label_outer()
-    panel.colorbar(image, ax=grid, label=arena.VISITS, shrink=0.8, fraction=0.03)
+    panel.colorbar(image, ax=grid, location="bottom", label=arena.VISITS, fraction=0.05, aspect=50, shrink=0.6)
 
 
 def _visits(experience: Experience) -> Floats:
