@@ -1,6 +1,7 @@
 from . import control as control
 from . import data as data
 from . import env as env
+from . import learning as learning
 from . import model as model
 from . import planning as planning
 from . import plot as plot

@@ -13,7 +13,7 @@ from affmap.config.search import Search
 from affmap.model.weights import SNAPSHOT, WEIGHTS
 from affmap.pipeline.completed import completed
 from affmap.results import manifest
-from affmap.results.files import STEPS, VALIDATION
+from affmap.results.files import EXPERIENCE, STEPS, VALIDATION
 from affmap.settings import ConfigError
 from affmap.store.provenance import PROVENANCE
 from affmap.store.stage import StoreError, copy_stage
@@ -89,7 +89,7 @@ def _keep(train: Path, config: Config, also: list[str]) -> None:
     target = config.reference / "train" / train.name
     if train != target:  # else the models come from there
         with written_alone(config.reference):
-            copy_stage(train, target, (WEIGHTS, VALIDATION, *also))
+            copy_stage(train, target, (WEIGHTS, VALIDATION, EXPERIENCE, *also))
 
 
 def _check(arguments: list[str]) -> None:

@@ -21,6 +21,7 @@ from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural, is_procedural
 from affmap.env.rules import Rules
 from affmap.env.walls import Walls
+from affmap.learning.settings import OFFLINE, AnyLearning, OnlineLearning
 from affmap.model.registry import EffectsSettings, unit_ends
 from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
@@ -115,6 +116,7 @@ class Config(Settings):
     data: Exploration
     model: ModelSettings
     training: TrainingSettings
+    learning: Annotated[AnyLearning, Neutral(OFFLINE)]
     lookup: LookupSettings
     planner: AnyPlanner
     agent: Annotated[AnyAgent, Neutral(PLANNER)]
@@ -231,6 +233,39 @@ class Config(Settings):
                 f"{channels} channels into one block, which encoder = 'channels' keeps apart; say "
                 f"model.context_size={channels * block} or model.transition.block_size=1."
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_learning(self) -> Self:
+        learning, training = self.learning, self.training
+        if not isinstance(learning, OnlineLearning):
+            return self
+        if self.members % learning.committee_size(self.members):
+            raise ValueError(
+                f"members = {self.members} is no multiple of learning.committee = {learning.committee}; every agent "
+                "has a committee of its own."
+            )
+        if self.members == 1 and learning.kind != "random":
+            raise ValueError(
+                f"members = 1 is no committee, which learning = {learning.kind!r} needs; say members=2 or more."
+            )
+        if learning.round_steps % training.chunk_length:
+            raise ValueError(
+                f"learning.round_steps = {learning.round_steps} is no multiple of training.chunk_length = "
+                f"{training.chunk_length}; rounds are cut into chunks."
+            )
+        if trials := next(iter(training.per_trial), None):
+            raise ValueError(f"training.{trials} has several trials, which learn offline only; give a number.")
+        for key, value, offline in (
+            ("training.accelerator", training.accelerator, "cpu"),
+            ("model.transition.paste", self.model.code.paste, 0.0),
+            ("logger", self.logger, "csv"),
+        ):
+            if value != offline:
+                raise ValueError(
+                    f"{key} = {format_value(value)} is for learning = 'offline' only, and learning = "
+                    f"{learning.kind!r}; say {key}={offline}."
+                )
         return self
 
     @property

@@ -72,7 +72,7 @@ class Agent(PlanningAgent):
         self.stack, self.lookup = stack.requires_grad_(False), lookup
         self.channels, self.vehicle, self.losses = channels, vehicle, losses
         self._direct, self._cached = DirectEncoder(self.stack), CachedEncoder(self.stack)
-        self._compiled = self._compile()
+        self._compiled = loops_of(stack, lookup)
 
     def __repr__(self) -> str:
         members, size = counted(len(self.seeds), "member"), self.stack.context_size
@@ -143,14 +143,6 @@ class Agent(PlanningAgent):
             return self._compiled.positions(situation, actions)
         return rollout(self.stack.transition, self.lookup, situation, actions)
 
-    def _compile(self) -> CompiledImagination | None:
-        """Imagination in compiled loops, if there is one for these models and this look-up."""
-        if not compiled.enabled():
-            return None
-        from affmap.control.imagination import compiled_imagination
-
-        return compiled_imagination(self.stack, self.lookup)
-
     def _situation(self, observation: Observation, carry: Carry | None) -> Situation:
         """Start of imagined paths; without a carry, the start of a flight."""
         if carry is None:
@@ -168,6 +160,15 @@ class Agent(PlanningAgent):
             codes = self._cached(view)
         carry, prediction = self.stack.transition.step()(carry, codes, delta, action)
         return carry, Gaussian(*(part.flatten(0, 1) for part in prediction))
+
+
+def loops_of(stack: Stack, lookup: Lookup) -> CompiledImagination | None:
+    """Imagination in compiled loops, if there is one for these models and this look-up."""
+    if not compiled.enabled():
+        return None
+    from affmap.control.imagination import compiled_imagination
+
+    return compiled_imagination(stack, lookup)
 
 
 def check_channels(agent: Agent, layout: Layout) -> None:

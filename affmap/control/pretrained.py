@@ -250,7 +250,7 @@ def _job(
 
 def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:
     """Name by which a sweep chose a setting's transition models, or how they learn; their kind if it had no choice."""
-    for key in ("model.transition", "learner"):
+    for key in ("model.transition", "learner", "learning"):
         if name := job.get(make_factor(key).column):
             return str(name)
     values = provenance.config_of(record, job["train"][0])["model"]

@@ -66,6 +66,15 @@ class Stack(nn.Module):
         subset.load_state_dict({name: weight[list(members)] for name, weight in self.state_dict().items()})
         return subset.to(next(self.parameters()).device)
 
+    @classmethod
+    def joined(cls, stacks: Sequence[Stack]) -> Stack:
+        """Join the members of several stacks of the same settings, in their order, as a new stack."""
+        first, seeds = stacks[0], [seed for stack in stacks for seed in stack.seeds]
+        whole = cls(first.settings, first.num_channels, seeds, first._make)
+        weights = [stack.state_dict() for stack in stacks]
+        whole.load_state_dict({name: torch.cat([each[name] for each in weights]) for name in weights[0]})
+        return whole.to(next(first.parameters()).device)
+
     def encode(self, windows: Windows) -> Tensor:
         """Context codes of views `[M or 1, ...]` (see `VisionModel.encode`): `[M, ..., C]`."""
         if self.vision is None:

@@ -58,6 +58,7 @@ def train(
     data: Changes | None = None,
     model: Changes | None = None,
     training: Changes | None = None,
+    learning: Changes | None = None,
     lookup: Changes | None = None,
     planner: Changes | None = None,
     control: Changes | None = None,
@@ -87,6 +88,9 @@ def train(
         data: changes of the exploration, such as `{"num_sequences": 50}`; see `affmap.Exploration`.
         model: changes of the architecture; see `affmap.ModelSettings`.
         training: changes of the training, such as `{"batch_size": 5}`; see `affmap.TrainingSettings`.
+        learning: `disagreement`, for instance, for agents that choose their experience and learn from it at once, the
+            name of a file in `conf/learning`, or its keys and values. Five members are an agent, an epoch is a round of
+            200 steps, and the data set serves validation only; see `affmap.learning.OnlineLearning`.
         lookup: changes of the agent's look-up; see `affmap.LookupSettings`.
         planner: changes of its planner, or the name of another, such as `gradient`.
         control: changes of its control, such as `{"beta": 10}`; see `affmap.ControlSettings`.
@@ -103,7 +107,8 @@ def train(
     """
     values = plain_values(compose([])) | {"seed": seed, "threads": threads}
     default = values["model"]["transition"]
-    groups = {"data": data, "model": model, "training": training, "lookup": lookup, "planner": planner}
+    groups = {"data": data, "model": model, "training": training, "learning": learning}
+    groups |= {"lookup": lookup, "planner": planner}
     for group, changes in {**groups, "control": control, "vehicle": vehicle}.items():
         values[group] = changed(group, values[group], changes)
     kind = values["model"].setdefault("transition", default)

@@ -45,7 +45,7 @@ class StageDefinition:
 
 
 DATA = StageDefinition("data", ("training_layouts", "vehicle", "data"))
-TRAIN = StageDefinition("train", ("model", "training", "seed", "members"), needs=DATA, version=2)
+TRAIN = StageDefinition("train", ("model", "training", "learning", "seed", "members"), needs=DATA, version=2)
 PREDICT = StageDefinition("predict", ("models", "report", "map_layout"), needs=TRAIN)
 MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
 BLOCKS = StageDefinition("blocks", ("models", "report", "map_layout"), needs=TRAIN)

@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING
 
 from affmap.config.root import Config
 from affmap.data.collect import DATASET
+from affmap.learning.settings import OnlineLearning
 from affmap.model.stack import Stack
 from affmap.model.weights import WEIGHTS, restore
+from affmap.pipeline.learn import make_learners
 from affmap.pipeline.progress import track
 from affmap.pipeline.stage import TRAIN
 from affmap.results.provenance import leaves
@@ -20,6 +22,14 @@ if TYPE_CHECKING:
 
 def make_models(config: Config, data: Path, attempt: Attempt) -> None:
     """Train; write weights and losses."""
+    if isinstance(config.learning, OnlineLearning):
+        make_learners(config, config.learning, data, attempt)
+    else:
+        _fit(config, data, attempt)
+
+
+def _fit(config: Config, data: Path, attempt: Attempt) -> None:
+    """Train on the data set."""
     from affmap.data.batches import DataModule  # Lightning takes seconds to import
     from affmap.training.fit import fit
 

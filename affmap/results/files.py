@@ -23,7 +23,7 @@ from affmap.settings.messages import ConfigError
 from affmap.store.files import guarded_read, read_arrays, read_json
 from affmap.store.provenance import PROVENANCE
 
-COVERAGE, VALIDATION = "coverage.npz", "validation.csv"
+COVERAGE, VALIDATION, EXPERIENCE = "coverage.npz", "validation.csv", "experience.npz"
 STEPS, DEVIATIONS = "steps.csv", "deviations.npz"
 MAPS, BLOCKS, SHARES = "maps.npz", "blocks.npz", "shares.csv"
 RUNS, TRAJECTORIES, LAYOUTS = "runs.csv", "trajectories.npz", "layouts.json"
@@ -66,6 +66,50 @@ def read_validation(folder: Path, members: Sequence[int] | None = None) -> pd.Da
     """Read losses of some members, or of all: a row for each and each epoch, columns `VALIDATION_COLUMNS`."""
     table = _read_table(folder / VALIDATION, VALIDATION_COLUMNS)[VALIDATION_COLUMNS]
     return table if members is None else table[table["member"].isin(members)].reset_index(drop=True)
+
+
+class Experience(NamedTuple):
+    """Places of A agents that learn online, in each of R rounds; round r is in layout r modulo W."""
+
+    counts: NDArray[np.integer]
+    """`[A, R, Y, X]` steps that ended in each cell of side `affmap.env.geometry.CELL`."""
+    free: NDArray[np.bool_]
+    """`[W, Y, X]`: can the vehicle's centre be at the cell's centre?"""
+    touching: Floats
+    """`[A, R]` share of the steps at whose end the vehicle touched a surface."""
+    in_fog: Floats
+    """`[A, R]` share of the steps at whose end it was in fog."""
+    agent: NDArray[np.integer]
+    """`[A]` seed of the first member of its committee."""
+
+    @property
+    def steps(self) -> NDArray[np.integer]:
+        """`[R]` steps of an agent until the end of each round."""
+        return self.counts[0].sum((1, 2)).cumsum()
+
+    @property
+    def coverage(self) -> Floats:
+        """`[A, R]` share of the free cells of all layouts that an agent has visited by the end of each round."""
+        num_layouts = len(self.free)
+        counts = np.zeros((num_layouts, *self.counts.shape), self.counts.dtype)
+        for number in range(self.counts.shape[1]):
+            counts[number % num_layouts, :, number] = self.counts[:, number]
+        visited = counts.cumsum(2) > 0
+        return np.count_nonzero(visited & self.free[:, None, None], (0, 3, 4)) / np.count_nonzero(self.free)
+
+
+def write_experience(folder: Path, experience: Experience) -> None:
+    """Write where agents were that learn online."""
+    _write_arrays(folder / EXPERIENCE, experience)
+
+
+def read_experience(folders: Sequence[Path]) -> Experience:
+    """Read where all agents were that learn online, which may have been divided among several stages."""
+    parts = [_read_arrays(Experience, folder / EXPERIENCE) for folder in folders]
+    joined = {
+        key: np.concatenate([getattr(part, key) for part in parts]) for key in Experience._fields if key != "free"
+    }
+    return parts[0]._replace(**joined)
 
 
 KINDS = ("free", "touching", "entering", "inside", "leaving")
@@ -317,10 +361,10 @@ def read_origin(folder: Path) -> dict[str, Any]:
         return record
 
 
-Record = TypeVar("Record", Maps, Blocks, Deviations, Exploration, Trajectories)
+Record = TypeVar("Record", Maps, Blocks, Deviations, Experience, Exploration, Trajectories)
 
 
-def _write_arrays(path: Path, record: Maps | Blocks | Deviations | Exploration) -> None:
+def _write_arrays(path: Path, record: Maps | Blocks | Deviations | Experience | Exploration) -> None:
     np.savez_compressed(path, allow_pickle=False, **record._asdict())
 
 

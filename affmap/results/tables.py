@@ -24,6 +24,7 @@ from affmap.results.files import (
     VALIDATION_COLUMNS,
     Blocks,
     Deviations,
+    Experience,
     Exploration,
     Maps,
     Trajectories,
@@ -176,6 +177,11 @@ class Results(Design):
     def exploration(self, setting: Setting) -> Exploration:
         """Places visited by the data set of a setting."""
         return files.read_coverage(setting.data[0])
+
+    def experience(self, setting: Setting) -> Experience | None:
+        """Places of the agents of a setting that learn online; None where they learned offline."""
+        kept = [(folder / files.EXPERIENCE).is_file() for folder in setting.train]
+        return files.read_experience(setting.train) if all(kept) else None
 
     def map_layout(self, setting: Setting) -> Layout:
         """The layout of a setting's maps."""

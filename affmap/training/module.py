@@ -72,6 +72,10 @@ class TrainingModule(lightning.LightningModule):
         """Mean NLL of each member on a batch, `[M]` in nats."""
         return nll(self._predict(batch).prediction, batch.target).mean((1, 2))
 
+    def evaluate(self, batch: Batch) -> Tensor:
+        """The same as `loss` without a gradient, where possible in compiled loops."""
+        return loops.losses(self.stack, batch) if loops.usable(self.stack) else self.loss(batch).detach()
+
     def _predict(self, batch: Batch) -> Predicted:
         """Predict a batch, and keep the hidden state for the next one."""
         carry = self.stack.transition.initial(batch.action.shape[1]) if batch.is_first else self._carry
@@ -117,7 +121,11 @@ class TrainingModule(lightning.LightningModule):
         """Set the learning rates of the epoch."""
         optimizer = self.optimizers()
         assert isinstance(optimizer, torch.optim.Optimizer)
-        factor = cooldown(self.current_epoch, self.settings.num_epochs, self.settings.cooldown)
+        self.set_rates(optimizer, self.current_epoch)
+
+    def set_rates(self, optimizer: torch.optim.Optimizer, epoch: int) -> None:
+        """Set the learning rates of an epoch (from 0)."""
+        factor = cooldown(epoch, self.settings.num_epochs, self.settings.cooldown)
         for group, (_, lr, _) in zip(optimizer.param_groups, self._parts(), strict=True):
             group["lr"] = factor * _common_rate(lr)
 
@@ -141,7 +149,7 @@ class TrainingModule(lightning.LightningModule):
         """Add batches to the mean over all validation steps."""
         for batch in batches:
             count = batch.action[..., 0].numel()
-            self._sum += count * (loops.losses(self.stack, batch) if loops.usable(self.stack) else self.loss(batch))
+            self._sum += count * self.evaluate(batch)
             self._count += count
 
     def on_validation_epoch_end(self) -> None:

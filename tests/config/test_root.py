@@ -174,6 +174,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("memebrs", 3, "not a known key"),
     ("world", 3, "valid string"),
     ("training_layouts", [], "names no layout"),
+    ("learning.kind", "by heart", "'offline' or 'random' or"),
     ("training_layouts", "original", "valid tuple"),
     ("training_layouts", ["moon"], "does not exist"),
     ("training_layouts", ["procedural_easy"], "which only control_layout may be"),
@@ -334,6 +335,33 @@ def test_bad_values_of_agents_that_know_the_physics_are_named() -> None:
             checked(values, agent={"kind": agent})
 
 
+@pytest.mark.parametrize("kind", ["random", "deviation", "disagreement", "divergence"])
+def test_bad_values_of_learning_online_are_named(kind: str) -> None:
+    """Single keys, and keys that do not go together."""
+    values = by_hand(learning=kind)
+    keys = ("round_steps", "updates", "num_plans", "plan_steps", "executed_steps", "resolution", "spacing")
+    for key, value in [("committee", 1), *((key, 0) for key in keys)]:
+        with pytest.raises(ConfigError, match=rf"learning.{key} = {value} is not allowed"):
+            checked(values, **{f"learning__{key}": value})
+    for changes, sentence in (
+        ({"learning__executed_steps": 21}, r"executed_steps = 21 is more than plan_steps = 20; plan as many"),
+        ({"members": 7}, r"members = 7 is no multiple of learning.committee = 5; every agent has a committee"),
+        ({"training__chunk_length": 30}, r"learning.round_steps = 200 is no multiple of training.chunk_length = 30;"),
+        ({"training__vision_lr": [0.1, 0.2]}, r"training.vision_lr has several trials, which learn offline only;"),
+        ({"training__accelerator": "gpu"}, r"training.accelerator = 'gpu' is for learning = 'offline' only, and"),
+        ({"logger": "wandb"}, rf"logger = 'wandb' is for .* and learning = '{kind}'; say logger=csv\."),
+        ({"model__transition": {"kind": "mlp", "paste": 1.0}}, r"say model.transition.paste=0.0\."),
+    ):
+        with pytest.raises(ConfigError, match=sentence):
+            checked(values, **changes)
+    assert checked(values, members=3).learning == checked(values).learning  # a single committee
+    if kind == "random":
+        checked(values, members=1)
+    else:
+        with pytest.raises(ConfigError, match=r"members = 1 is no committee, .* say members=2 or more"):
+            checked(values, members=1)
+
+
 def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     """A key that is added without one fails here."""
     listed = {key for key, _, _ in BAD}
@@ -358,7 +386,7 @@ NEUTRAL = {
 
 
 def test_every_missing_key_is_named(values: Values) -> None:
-    """Nothing has a default in the code, but for the agent, which configurations did not have at first."""
+    """Nothing has a default in the code, but for agent and learning, which configurations did not have at first."""
     for group in [key for key, value in values.items() if isinstance(value, dict) and key != "sweep"]:
         for key in set(values[group]) - NEUTRAL.get(group, set()):
             lacking = {**values, group: {other: value for other, value in values[group].items() if other != key}}
@@ -366,7 +394,7 @@ def test_every_missing_key_is_named(values: Values) -> None:
                 Config.checked(lacking, "the test")
     for key in values:
         lacking = {other: value for other, value in values.items() if other != key}
-        if key == "agent":
+        if key in ("agent", "learning"):
             assert Config.checked(lacking, "the test") == checked(values)
             continue
         with pytest.raises(ConfigError, match=rf"{key} is missing; add the key"):
@@ -477,6 +505,8 @@ def test_every_layout_can_be_used(name: str) -> None:
 
 STAGES = ("data", "train", "map", "control")
 
+ONLINE = content(CONF / "learning/random.yaml")
+
 # A change of each kind, and the stages whose results it must change. Everything else must keep its digest, or
 # experiments would not find each other's results.
 CHANGES: list[tuple[str, Any, str]] = [
@@ -512,6 +542,9 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("training.transition_max_norm", [1.2, 1], "train map control"),
     ("training.cooldown", 0.4, "train map control"),
     ("training.snapshot_epochs", [1], "train map control"),
+    ("learning", {"kind": "offline"}, ""),
+    ("learning", ONLINE, "train map control"),
+    ("learning", {**ONLINE, "kind": "disagreement"}, "train map control"),
     ("models", "reference", "map control"),
     ("report.map_spacing", 0.05, "map"),
     ("control.num_steps", 100, "control"),

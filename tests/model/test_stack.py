@@ -35,6 +35,17 @@ def test_selected_members_are_those_alone(context_size: int) -> None:
     assert whole.transition.output_bias.all()
 
 
+def test_joined_stacks_are_one_stack_of_all_members() -> None:
+    """Against a stack of all seeds; a copy, which leaves the parts as they were."""
+    parts = [stack(3, [4, 0]), stack(3, [9])]
+    whole, expected = Stack.joined(parts), stack(3, [4, 0, 9])
+    assert whole.seeds == (4, 0, 9)
+    assert all(torch.equal(weight, expected.state_dict()[name]) for name, weight in whole.state_dict().items())
+    for parameter in whole.parameters():
+        parameter.data.zero_()
+    assert all(weight.any() for part in parts for weight in part.parameters())
+
+
 def test_initial_weights_are_those_of_2026() -> None:
     """Stored in 2026-11: SHA-256 of all initial weights of seed 0 in the order of their names, and the first ones.
 

@@ -44,6 +44,25 @@ def test_exploration_comes_back(tmp_path: Path, rng: np.random.Generator) -> Non
     assert written.counts.shape == (2, 2, 3) and written.coverage.tolist() == [0.5, 0.5]
 
 
+def test_experience_of_several_stages_comes_back_as_one(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Agents in the order of the stages; coverage by hand: three of four free cells, of two layouts in turn."""
+    counts = np.zeros((2, 3, 1, 3), int)
+    counts[0, 0, 0, 0] = counts[0, 2, 0, 0] = 5  # round 2 is in the first layout, too
+    counts[0, 1, 0] = [0, 3, 2]
+    counts[1, :, 0, 2] = 5  # not free in the first layout
+    free = np.array([[[True, True, False]], [[False, True, True]]])
+    shares = rng.random((2, 2, 3))
+    for agent in range(2):
+        own = files.Experience(counts[[agent]], free, *shares[:, [agent]], np.array([5 * agent]))
+        (tmp_path / str(agent)).mkdir()
+        files.write_experience(tmp_path / str(agent), own)
+    both = files.read_experience([tmp_path / "0", tmp_path / "1"])
+    np.testing.assert_array_equal(both.counts, counts)
+    np.testing.assert_array_equal(both.in_fog, shares[1])
+    assert both.agent.tolist() == [0, 5] and both.steps.tolist() == [5, 10, 15]
+    np.testing.assert_array_equal(both.coverage, [[0.25, 0.75, 0.75], [0.0, 0.25, 0.25]])
+
+
 def test_losses_come_back(tmp_path: Path) -> None:
     """To six decimals."""
     table = pd.DataFrame(

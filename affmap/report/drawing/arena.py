@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse, Patch, Polygon, Rectangle
@@ -27,6 +28,9 @@ from affmap.view import VisibleLayout
 FEW = 50
 """Fewer positions than this are drawn one by one instead of as a heat map."""
 
+
+VISITS = f"visits per cell of {CELL} u (steps)"
+"""Label of visit counts."""
 
 FAR = 1e3
 """Shapes are drawn up to this far away and this large, u: Agg takes minutes for the outlines of larger ones."""
@@ -197,15 +201,26 @@ def visits(ax: Axes, counts: Floats, free: Floats, world: Layout) -> Axes:
         free: `[Y, X]`, whether the vehicle's centre can be at the cell's centre.
         world: the layout.
     """
+    image = visit_image(ax, counts, free, world, max(2, int(counts.max())))
+    ax.figure.colorbar(image, ax=ax, label=VISITS, shrink=0.85)
+    return ax
+
+
+def visit_image(ax: Axes, counts: Floats, free: Floats, world: Layout, most: int) -> AxesImage:
+    """Draw visit counts as `visits` does, without a colour bar; `most` is the end of their scale.
+
+    Returns:
+        The image, for a colour bar that several panels share.
+    """
     extent = (0.0, world.size[0], 0.0, world.size[1])
     unvisited = np.where((free > 0) & (counts == 0), 1.0, np.nan)
     ax.imshow(unvisited, origin="lower", extent=extent, cmap=mpl.colors.ListedColormap([LAYERS["goal"].color]))
-    norm = LogNorm(vmin=1, vmax=max(2, int(counts.max())))
     visited = np.ma.masked_less(counts, 1)
+    norm = LogNorm(vmin=1, vmax=most)
     image = ax.imshow(visited, origin="lower", extent=extent, norm=norm, cmap="viridis", interpolation="nearest")
-    ax.figure.colorbar(image, ax=ax, label=f"visits per cell of {CELL} u (steps)", shrink=0.85)
     _outlines(ax, world)
-    return arena(ax, world)
+    arena(ax, world)
+    return image
 
 
 def heat(ax: Axes, positions: Floats, world: Layout) -> Axes:

@@ -33,6 +33,9 @@ STEP_MARKERS = {"median": "o", "mean": "D"}
 BLACK = "0.15"
 """Points of losses that are not grouped."""
 
+FLATTENED = 4.0
+"""Shades that make the axis more than this many times as high as the curves are cut."""
+
 NOTE = 0.13
 """Room for a line of words above the curves, as a share of their height."""
 
@@ -78,6 +81,8 @@ def learning_curves(
         line.set_label(texts.get(str(line.get_label()), line.get_label()))
     if factor == CONTEXT_SIZE:
         _focus(ax, validation, paper)
+    else:
+        _cut_bands(ax)
     return legend_above(ax)
 
 
@@ -85,6 +90,15 @@ def in_order(column: "pd.Series[Any]", names: Mapping[Value, str]) -> list[Value
     """The distinct values in a column, in the order of their names; without names, numbers ascend."""
     values = set(column)
     return [value for value in names if value in values] or sorted(values)
+
+
+def _cut_bands(ax: Axes) -> None:
+    """End the axis half its curves' height above and below them where shades of single outliers would flatten them."""
+    heights = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.get_lines()] or [np.zeros(1)])
+    low, high = np.nanmin(heights), np.nanmax(heights)
+    bottom, top = ax.get_ylim()
+    if np.isfinite(high - low) and top - bottom > FLATTENED * (high - low) > 0:
+        ax.set_ylim(max(bottom, low - 0.5 * (high - low)), min(top, high + 0.5 * (high - low)))
 
 
 def _focus(ax: Axes, validation: pd.DataFrame, paper: Span) -> None:

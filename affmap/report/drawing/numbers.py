@@ -218,6 +218,16 @@ LETTERS = 15
 """More than these on the x axis of a narrow panel would overlap, and are turned."""
 
 
+def shrink_names(ax: Axes, names: Iterable[str]) -> None:
+    """Write names on the x axis smaller that would overlap in a panel of half a page."""
+    if len("".join(names)) > HALF_PAGE:
+        ax.tick_params(axis="x", labelsize=6)
+
+
+HALF_PAGE = 36
+"""More letters than these would overlap there."""
+
+
 def turn_names(ax: Axes, names: Iterable[str]) -> None:
     """Turn names on the x axis that would overlap in a panel of a third of a page."""
     if len("".join(names)) > LETTERS:

@@ -49,6 +49,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     panel = numbers.boxes if settings.outcome == "mean_distance" else numbers.bars
     panel(outcome, results.runs, settings.outcome, groups, settings.axes.get(settings.outcome))
     numbers.titled(outcome, numbers.panel_title("D", settings.outcome))
+    for ax in (error, outcome):
+        numbers.shrink_names(ax, groups.x_names.values())
     both = {"prediction_error": error, settings.outcome: outcome}
     numbers.baseline_lines(figure, both, results.baseline_runs, groups)
     return Drawn(figure, _caption(results, settings, worlds))

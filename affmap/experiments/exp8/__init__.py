@@ -1,0 +1,1 @@
+"""Experiment VIII, learning by oneself."""

@@ -1,0 +1,1 @@
+"""Experiment VIII in fog."""

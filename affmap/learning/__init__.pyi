@@ -1,0 +1,2 @@
+from .learners import Learners as Learners
+from .settings import OnlineLearning as OnlineLearning

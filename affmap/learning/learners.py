@@ -1,0 +1,192 @@
+"""The loop of agents that learn online: explore for a round, train on all experience so far, begin again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from affmap.control.agent import Observation
+from affmap.data.batches import Batch
+from affmap.data.collect import free_position, random_actions
+from affmap.data.settings import Exploration
+from affmap.env.body import Vehicle
+from affmap.env.layout import Layout
+from affmap.env.vehicle import VehicleEnv
+from affmap.learning.experience import Round, batches
+from affmap.learning.explorer import Explorer
+from affmap.learning.settings import OnlineLearning
+from affmap.model.lookup import AffordanceMap
+from affmap.model.stack import Stack
+from affmap.random import generator, integer
+from affmap.training.module import TrainingModule
+from affmap.training.settings import TrainingSettings
+from affmap.view import views
+
+SAVED = ("position", "true_position", "action", "touching", "in_fog")
+"""Parts of a round that a checkpoint needs; views follow from true positions."""
+
+Act = Callable[[Observation, int], np.ndarray]
+"""Actions `[A, 4]` of all agents, from their sensations and the number of the step in the round."""
+
+
+@dataclass
+class Learners:
+    """A agents that learn online in the same layouts, each from its own experience.
+
+    Rounds take place in one layout after the other, in turn. A round begins at rest where the last one in that layout
+    ended, the first one at a random free place.
+    """
+
+    stack: Stack
+    """All M members, committee by committee; trained in place."""
+    layouts: Sequence[Layout]
+    vehicle: Vehicle
+    exploration: Exploration
+    """How random actions are drawn."""
+    settings: OnlineLearning
+    training: TrainingSettings
+    rounds: list[list[Round]] = field(default_factory=list, repr=False)
+    """Of each agent, R so far."""
+
+    def __post_init__(self) -> None:
+        members = range(len(self.stack.seeds))
+        size = self.settings.committee_size(len(members))
+        self._committees = [self.stack.select(members[first : first + size]) for first in members[::size]]
+        self._modules = [TrainingModule(committee, self.training) for committee in self._committees]
+        self._optimizers = [module.configure_optimizers() for module in self._modules]
+        self.rounds = self.rounds or [[] for _ in self._committees]
+
+    @property
+    def num_rounds(self) -> int:
+        """Number of rounds so far."""
+        return len(self.rounds[0])
+
+    @property
+    def agents(self) -> list[int]:
+        """Seeds of the first members of the A committees, by which agents are known."""
+        return [committee.seeds[0] for committee in self._committees]
+
+    def layout(self, number: int) -> Layout:
+        """The layout of a round."""
+        return self.layouts[number % len(self.layouts)]
+
+    def round(self) -> Tensor:
+        """Explore for a round, and train on all experience so far.
+
+        Returns:
+            Mean NLL of each member over the updates, `[M]` in nats.
+        """
+        number = self.num_rounds
+        layout = self.layout(number)
+        for own, new in zip(self.rounds, self._explore(layout, number), strict=True):
+            own.append(new)
+        losses = []
+        for module, optimizer, own in zip(self._modules, self._optimizers, self.rounds, strict=True):
+            module.set_rates(optimizer, number)
+            rng = generator(module.stack.seeds[0], "batches of a round", number)
+            sizes = self.training.batch_size, self.training.chunk_length
+            updates = [module.update(batch, optimizer) for batch in batches(own, *sizes, self.settings.updates, rng)]
+            losses.append(torch.stack(updates).mean(0))
+        self.stack.load_state_dict(Stack.joined(self._committees).state_dict())
+        return torch.cat(losses)
+
+    def evaluate(self, chunks: Sequence[Batch]) -> Tensor:
+        """Mean NLL of each member over the steps of consecutive chunks of sequences, `[M]` in nats."""
+        steps = [chunk.action[..., 0].numel() for chunk in chunks]
+        losses = [torch.cat([module.evaluate(chunk) for module in self._modules]) for chunk in chunks]
+        return torch.stack([number * loss for number, loss in zip(steps, losses, strict=True)]).sum(0) / sum(steps)
+
+    def state(self) -> dict[str, Any]:
+        """All that is needed to go on later, as tensors."""
+        return {
+            "weights": [module.stack.state_dict() for module in self._modules],
+            "optimizers": [optimizer.state_dict() for optimizer in self._optimizers],
+            "rounds": [
+                [{key: torch.from_numpy(getattr(each, key)) for key in SAVED} for each in own] for own in self.rounds
+            ],
+        }
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Go on from an earlier state."""
+        for module, weights in zip(self._modules, state["weights"], strict=True):
+            module.stack.load_state_dict(weights)
+        for optimizer, own in zip(self._optimizers, state["optimizers"], strict=True):
+            optimizer.load_state_dict(own)
+        self.stack.load_state_dict(Stack.joined(self._committees).state_dict())
+        self.rounds = [
+            [
+                self._restored(number, {key: part.numpy() for key, part in each.items()})
+                for number, each in enumerate(own)
+            ]
+            for own in state["rounds"]
+        ]
+
+    def _restored(self, number: int, saved: dict[str, np.ndarray]) -> Round:
+        layout = self.layout(number)
+        return Round(view=layout.views(saved["true_position"][:-1]), **saved)
+
+    def _explore(self, layout: Layout, number: int) -> list[Round]:
+        """Fly a round in a layout; returns the experience of each agent."""
+        seeds = self.agents
+        envs = [VehicleEnv(layout, self.vehicle, views=False) for _ in seeds]
+        rngs = [generator(seed, "round", number) for seed in seeds]
+        begun = [
+            env.reset(seed=integer(seed, "world of a round", number), options={"position": start})
+            for env, seed, start in zip(envs, seeds, self._starts(layout, number, rngs), strict=True)
+        ]
+        act = self._random(rngs) if self.settings.kind == "random" else self._informed(layout, rngs)
+        sensed, infos = [list(each) for each in zip(*begun, strict=True)]
+        records: list[dict[str, list[Any]]] = [
+            {"position": [each["position"]], "true_position": [info["position"]], "action": []}
+            | {"touching": [], "in_fog": []}
+            for each, info in begun
+        ]
+        for step in range(self.settings.round_steps):
+            pictures = views([layout.map], np.stack([info["position"] for info in infos]))
+            observation = Observation.of([{**each, "view": view} for each, view in zip(sensed, pictures, strict=True)])
+            actions = act(observation, step)
+            results = [env.step(action) for env, action in zip(envs, actions, strict=True)]
+            sensed, infos = [result[0] for result in results], [result[4] for result in results]
+            for record, action, each, info in zip(records, actions, sensed, infos, strict=True):
+                news = {"position": each["position"], "true_position": info["position"], "action": action}
+                for key, value in {**news, "touching": info["touching"], "in_fog": info["in_fog"]}.items():
+                    record[key].append(value)
+        return [self._restored(number, {key: _array(part) for key, part in record.items()}) for record in records]
+
+    def _starts(self, layout: Layout, number: int, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """The places where a round begins, `[2]` in u: the last one in this layout that is free, or a random one."""
+        last = number - len(self.layouts)
+        if last < 0:
+            return [free_position(layout, self.vehicle, rng) for rng in rngs]
+        paths = [own[last].true_position[::-1] for own in self.rounds]
+        # Where the vehicle touches something, it is a hair's breadth inside.
+        return [path[layout.is_free(path, self.vehicle.radius)][0] for path in paths]
+
+    def _random(self, rngs: Sequence[np.random.Generator]) -> Act:
+        exploration = self.exploration.model_copy(update={"num_steps": self.settings.round_steps})
+        drawn = np.stack([random_actions(exploration, rng) for rng in rngs], axis=1)  # [S, A, 4]
+        return lambda observation, step: drawn[step]
+
+    def _informed(self, layout: Layout, rngs: Sequence[np.random.Generator]) -> Act:
+        lookup = AffordanceMap.paint(self.stack, [layout.map], self.settings.spacing)
+        explorer = Explorer(self.stack, lookup, self.exploration, self.settings)
+        plans = np.empty(0)
+
+        def act(observation: Observation, step: int) -> np.ndarray:
+            nonlocal plans
+            place = step % self.settings.executed_steps
+            if place == 0:
+                plans = explorer.choose(observation, rngs).numpy()
+            return plans[:, place]
+
+        return act
+
+
+def _array(values: list[Any]) -> np.ndarray:
+    array = np.array(values)
+    return array if array.dtype == bool else array.astype(np.float32)

@@ -1,0 +1,62 @@
+"""How models come by their experience, in a module without torch."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from affmap.settings import Count, Positive, Settings, preset
+
+
+class OfflineLearning(Settings, defaults="learning/offline"):
+    """All exploration first, at random, and then the training (`conf/learning/offline.yaml`), as in the paper."""
+
+    kind: Literal["offline"] = preset()
+
+
+class OnlineLearning(Settings, defaults="learning/disagreement"):
+    """Rounds of exploration, each followed by training on all experience so far (`conf/learning`).
+
+    The M members form committees of K: a committee is one agent, which flies one vehicle, and all of its models learn
+    from the same experience. An epoch of such a training is a round, so that `training.num_epochs` is their number.
+    """
+
+    kind: Literal["random", "deviation", "disagreement", "divergence"] = preset()
+    """What agents seek: nothing (actions as in `data`), or a signal of `affmap.planning.information`."""
+    committee: Annotated[Count, Field(ge=2)] = preset()
+    """K, models of an agent, which differ in their initial weights; all members where there are fewer."""
+    round_steps: Count = preset()
+    """S, steps of an agent between two trainings; each round begins at rest."""
+    updates: Count = preset()
+    """Updates of each model after a round, on batches of chunks of all steps so far."""
+    num_plans: Count = preset()
+    """N, plans that an agent chooses from; they are drawn as random actions are."""
+    plan_steps: Count = preset()
+    """H, steps of a plan."""
+    executed_steps: Count = preset()
+    """Steps that are executed of a plan before the next choice."""
+    resolution: Positive = preset()
+    """Standard deviation that is added to predicted changes, so that smaller differences are no news, u/step."""
+    spacing: Positive = preset()
+    """Largest distance between nodes of the affordance maps in which plans are imagined, u."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.executed_steps > self.plan_steps:
+            raise ValueError(
+                f"executed_steps = {self.executed_steps} is more than plan_steps = {self.plan_steps}; plan as many "
+                "steps as are executed, or more."
+            )
+        return self
+
+    def committee_size(self, num_members: int) -> int:
+        """K, for M members."""
+        return min(self.committee, num_members)
+
+
+AnyLearning = Annotated[OfflineLearning | OnlineLearning, Field(discriminator="kind")]
+"""Settings from a file of `conf/learning`, distinguished by `kind`."""
+
+OFFLINE = OfflineLearning(kind="offline")
+"""Default, also of all configurations that predate the others."""

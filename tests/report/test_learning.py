@@ -1,0 +1,53 @@
+"""Pictures of agents that learn online, and of curves with outliers."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from affmap.report.drawing.losses import learning_curves
+from affmap.report.drawing.numbers import shrink_names
+from affmap.report.figures.learning import LEARNING, _visits
+from affmap.results.files import Experience
+
+
+def test_places_are_those_of_the_first_agent_in_the_first_layout() -> None:
+    """By hand: rounds 0 and 2 of three are in the first of two layouts."""
+    counts = np.zeros((2, 3, 1, 2), int)
+    counts[0, :, 0] = [[1, 0], [9, 9], [2, 3]]
+    counts[1] = 7
+    nothing = np.zeros((2, 3))
+    visits = _visits(Experience(counts, np.ones((2, 1, 2), bool), nothing, nothing, np.arange(2)))
+    assert visits[:, 0].tolist() == [[1, 0], [1, 0], [3, 3]]
+
+
+def losses(worst: float) -> pd.DataFrame:
+    rows = [
+        {LEARNING.column: kind, "member": member, "epoch": epoch, "validation_nll": -epoch + 0.1 * member}
+        for kind in ("random", "disagreement")
+        for member in range(4)
+        for epoch in range(1, 6)
+    ]
+    table = pd.DataFrame(rows)
+    table.loc[3, "validation_nll"] = worst
+    return table
+
+
+def test_a_single_outlier_does_not_flatten_the_curves() -> None:
+    """Curves from -5 to -1; without an outlier the axis is Matplotlib's own."""
+    ax = Figure().subplots()
+    low, high = learning_curves(ax, losses(60.0), factor=LEARNING).get_ylim()
+    curves = np.concatenate([line.get_ydata() for line in ax.get_lines()])
+    assert high - low <= 2 * (curves.max() - curves.min()) and low <= curves.min() and high >= curves.max()
+    low, high = learning_curves(Figure().subplots(), losses(-4.0), factor=LEARNING).get_ylim()
+    assert -6 < low < -5 and -1 < high < 0
+
+
+def test_long_names_are_written_smaller() -> None:
+    """Sizes of the labels."""
+    sizes = []
+    for names in (["offline", "random"], ["offline", "random", "deviation", "disagreement", "divergence"]):
+        ax = Figure().subplots()
+        ax.set_xticks(range(len(names)), names)
+        shrink_names(ax, names)
+        sizes.append(ax.get_xticklabels()[0].get_size())
+    assert sizes[0] > sizes[1] == 6
