@@ -120,10 +120,15 @@ def _goal(task: Task, value: float, rng: np.random.Generator) -> Task:
 
 
 def _step(task: Task, value: float, rng: np.random.Generator) -> Task:
-    """Change the duration of a step (s), in runs that last as long as before."""
-    steps = round(task.settings.num_steps * task.vehicle.time_step_s / value) if value > 0 else 0
+    """Change the duration of a step (ms), in runs that last as long as before."""
+    steps = round(task.settings.num_steps * _milliseconds(task) / value) if value > 0 else 0
     varied = task._replace(settings=task.settings.model_copy(update={"num_steps": steps}))
-    return _of_vehicle("time_step_s").vary(varied, value, rng)
+    return _of_vehicle("time_step_s").vary(varied, value / 1000, rng)
+
+
+def _milliseconds(task: Task) -> float:
+    """Duration of a step, ms."""
+    return 1000 * task.vehicle.time_step_s
 
 
 def _of_vehicle(key: str, label: str = "", unit: str = "") -> Factor:
@@ -150,7 +155,7 @@ FACTORS = {
     "number": Factor("number of obstacles", "", lambda task: len(task.layout.obstacles), _number, is_random=True),
     "radius": Factor("radius of obstacles", "u", _of_first("radius"), _radius),
     "place": Factor("obstacles moved by", "u", lambda task: 0.0, _place, is_random=True),
-    "look": Factor("painted radius of obstacles", "u", _of_first("radius"), _look),
+    "look": Factor("painted radius", "u", _of_first("radius"), _look),
     "mass": _of_vehicle("mass", "mass", "kg"),
     "thrust": _of_vehicle("thrust", "thrust", "N"),
     "damping": _of_vehicle("damping", "damping", "1/s"),
@@ -159,7 +164,7 @@ FACTORS = {
     "noise": _of_vehicle("sensor_std", "noise of the position", "u"),
     "size": Factor("size of the arena", "times", lambda task: 1.0, _size),
     "goal": Factor("distance of the goal", "u", _from_corner_to_corner, _goal),
-    "step": Factor("time step", "s", _of_vehicle("time_step_s").home, _step),
+    "step": Factor("time step", "ms", _milliseconds, _step),
 }
 """Name in configurations -> factor."""
 

@@ -138,7 +138,7 @@ def test_an_option_does_not_change_the_other_draws() -> None:
 
 
 def test_goals_at_a_distance_are_free_and_lie_in_all_directions() -> None:
-    """Starts are those without the option. From the centre 0.6 u to any side are within the arena; obstacles are not."""
+    """Starts are those without the option. From the centre 0.6 u to any side are within the arena."""
     env = VehicleEnv()
     start = env.reset(seed=8, options={"corner": 1})[1]["position"]
     np.testing.assert_array_equal(env.reset(seed=8, options={"corner": 1, "distance": 1.0})[1]["position"], start)
@@ -151,7 +151,7 @@ def test_goals_at_a_distance_are_free_and_lie_in_all_directions() -> None:
 
 
 def test_noise_of_the_sensors_is_on_every_reported_position_and_on_no_true_one() -> None:
-    """Against the same flight without it: equal truth, and deviations with the standard deviation that was asked for."""
+    """Against the same flight without it: equal truth, and deviations with the standard deviation asked for."""
     flights = []
     for std in (0.0, 0.05):
         env = VehicleEnv(vehicle={"sensor_std": std})

@@ -18,18 +18,20 @@ AGENT, BLIND = 8, 0
 
 def levels(results: Results) -> Mapping[str, Sequence[Variation]]:
     """Factor -> its levels but home, ascending, in the order of the experiment."""
-    texts = [str(setting.values.get(VARIATION.key, HOME)) for setting in results.settings]
-    read = [Variation.checked(Variation.read(text), "variation") for text in dict.fromkeys(texts) if text != HOME]
+    read = [Variation.checked(Variation.read(text), "variation") for text in _texts(results) if text != HOME]
     names = dict.fromkeys(each.factor for each in read)
     return {name: sorted((each for each in read if each.factor == name), key=lambda each: each.value) for name in names}
 
 
 def successes(results: Results, agent: int | str) -> pd.DataFrame:
-    """Share of successful runs of each member (rows) under each variation (columns); empty of one that did not fly.
+    """Share of successful runs of each member (rows) under each variation (columns); NaN where runs are missing.
 
     Args:
         results: of the experiment.
         agent: the context size of one with a model, or the kind of one without.
+
+    Returns:
+        The table, which is empty if the agent did not fly.
     """
     if isinstance(agent, int):
         runs = claims.select_runs(results)
@@ -39,7 +41,12 @@ def successes(results: Results, agent: int | str) -> pd.DataFrame:
         runs = runs[runs["planner"] == agent]
     if VARIATION.column not in runs or runs.empty:
         return pd.DataFrame()
-    return score_matrix(runs, "success", [VARIATION.column])
+    return score_matrix(runs, "success", [VARIATION.column]).reindex(columns=_texts(results))
+
+
+def _texts(results: Results) -> list[str]:
+    """The variations of the settings, home among them, as on the command line."""
+    return list(dict.fromkeys(str(setting.values.get(VARIATION.key, HOME)) for setting in results.settings))
 
 
 def value_name(variation: Variation) -> str:
