@@ -18,16 +18,18 @@ from affmap.report.experiment import PARTS, Room
 from affmap.results.claims import Claim
 from affmap.settings import ConfigError
 
-__all__ = ["ROOMS", "claims_about", "open_room"]
+__all__ = ["ROOMS", "by_number", "claims_about", "open_room"]
 
 _HERE = Path(__file__).parent
 
-ROOMS = tuple(
-    sorted(
-        (path.parent.name for path in _HERE.glob("*/claims.py")), key=lambda name: (len(name.partition("_")[0]), name)
-    )
-)
-"""The rooms that have claims, the tenth experiment after the ninth."""
+
+def by_number(name: str) -> tuple[int, str]:
+    """The key by which names of experiments are sorted: the tenth comes after the ninth."""
+    return len(name.partition("_")[0]), name
+
+
+ROOMS = tuple(sorted((path.parent.name for path in _HERE.glob("*/claims.py")), key=by_number))
+"""The rooms that have claims."""
 
 
 def claims_about(experiment: str | None) -> tuple[Claim, ...]:

@@ -6,11 +6,15 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from affmap.control.variation import FACTORS, HOME, Variation
+from affmap.control.settings import ControlSettings
+from affmap.control.variation import FACTORS, HOME, Task, Variation
+from affmap.env.body import Vehicle
+from affmap.env.layout import Layout
 from affmap.experiments.exp10_factors.claims import CLAIMS, NUM_FACTORS
+from affmap.experiments.exp10_factors.figures import factors, left
 from affmap.experiments.exp10_factors.levels import AGENT, BLIND, levels
 from affmap.results.claims import Score
-from affmap.results.setting import Setting
+from affmap.results.setting import ReportSettings, Setting
 from affmap.results.statistics import Verdict
 
 MEMBERS, RUNS = 8, 20
@@ -99,3 +103,35 @@ def test_a_part_of_the_sweep_leaves_claims_untested() -> None:
     found = results()
     found.baseline_runs = found.baseline_runs.iloc[:0]
     assert verdicts(found)["X-2"] == verdicts(found)["X-3"] == Verdict.NOT_TESTED
+
+
+def texts(drawn: Any) -> list[str]:
+    """What is written in a figure."""
+    return [each.get_text() for ax in drawn.figure.axes for each in (*ax.texts, *ax.get_yticklabels(), ax.title)]
+
+
+def test_figures_show_levels_around_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ranges that are kept end before the first level that is not, and begin at home where home is the smallest value:
+    of the mass, at home 0.1 kg, 1 kg is kept and 2 kg is not."""
+    files = (("layout", "original", Layout), ("vehicle", "default", Vehicle), ("control", "default", ControlSettings))
+    task = Task(*(kind.load(group, name) for group, name, kind in files))
+    for module in (factors, left):
+        monkeypatch.setattr(module, "home_task", lambda results: task)
+    settings = ReportSettings.load("report", "default")
+    found = results(mass=0.5, number=0.5)
+    table = texts(left.draw(found, settings))
+    assert {"0.1 to 1 kg", "3 to 6", "0 to 3 u", "1 to 3 times", "1 to 33.3 ms"} <= set(table)
+    assert "0.45 (1.00)" in table and table.count("1.00 (1.00)") == 34
+    panels = factors.draw(found, settings)
+    assert panels is not None and len(panels.figure.axes) == NUM_FACTORS
+    (mass,) = (ax for ax in panels.figure.axes if ax.get_title(loc="left") == "mass (kg)")
+    assert [label.get_text() for label in mass.get_xticklabels()] == ["0.1", "1", "2", "3"]
+    assert [label.get_fontweight() for label in mass.get_xticklabels()] == ["bold", *["normal"] * 3]
+    lines = [line.get_ydata() for line in mass.lines]
+    assert lines == [pytest.approx(share) for share in ([1, 1, 1, 1], [1, 1, 0.45, 1], [0.45] * 4)]
+
+
+def test_there_is_no_figure_where_nothing_is_varied() -> None:
+    settings = ReportSettings.load("report", "default")
+    assert factors.draw(results(texts=[HOME]), settings) is None
+    assert left.draw(results(texts=[HOME]), settings) is None

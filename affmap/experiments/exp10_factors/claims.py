@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from affmap.control.variation import FACTORS, HOME, Variation
-from affmap.experiments.exp10_factors.levels import AGENT, BLIND, levels, successes, value_name
+from affmap.experiments.exp10_factors.levels import AGENT, BLIND, left, levels, successes, value_name
 from affmap.results import claims, statistics
 from affmap.results.claims import Claim, Criterion
 from affmap.results.metrics import METRICS
@@ -50,8 +50,8 @@ def keeps(shares: pd.DataFrame, factor: str, every: Sequence[Variation], referen
     outcomes = [keeps_at(shares, level, reference) for level in every]
     effects = [outcome.effect if outcome.effect is not None else np.inf for outcome in outcomes]
     worst = int(np.argmin(effects))
-    left = [f"{number(shares[str(level)].mean() / reference(level).mean())} at {value_name(level)}" for level in every]
-    outcome = claims.with_note(statistics.everywhere(outcomes, outcomes[worst]), [f"left: {', '.join(left)}"])
+    each = [f"{number(left(shares, level, reference(level)))} at {value_name(level)}" for level in every]
+    outcome = claims.with_note(statistics.everywhere(outcomes, outcomes[worst]), [f"left: {', '.join(each)}"])
     effect_of = f"success minus {KEPT:g} of the reference, at {value_name(every[worst])}"
     label = FACTORS[factor].label
     says = f"{label}: at least {KEPT:g} of the success is left at every level."

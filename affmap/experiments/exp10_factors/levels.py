@@ -1,5 +1,6 @@
 """Success by factor and level: each member's share of successful runs under each variation."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
@@ -42,6 +43,12 @@ def successes(results: Results, agent: int | str) -> pd.DataFrame:
     if VARIATION.column not in runs or runs.empty:
         return pd.DataFrame()
     return score_matrix(runs, "success", [VARIATION.column]).reindex(columns=_texts(results))
+
+
+def left(shares: pd.DataFrame, level: Variation, reference: "pd.Series[float]") -> float:
+    """Success at a level as a share of a reference's `[M]`, all members together; NaN of a reference without any."""
+    success, whole = float(shares[str(level)].mean()), float(reference.mean())
+    return success / whole if whole else math.nan
 
 
 def _texts(results: Results) -> list[str]:

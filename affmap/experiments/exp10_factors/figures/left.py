@@ -1,6 +1,7 @@
 """How much of the success at home is left at each level of each factor, as a table in colours."""
 
 from collections.abc import Sequence
+from itertools import takewhile
 
 import matplotlib as mpl
 import pandas as pd
@@ -10,7 +11,7 @@ from matplotlib.patches import Rectangle
 from affmap.control.variation import FACTORS, HOME, Task, Variation
 from affmap.experiments.exp10_factors.claims import KEPT, at_home, keeps_at
 from affmap.experiments.exp10_factors.figures.factors import home_task
-from affmap.experiments.exp10_factors.levels import AGENT, levels, successes, value_name
+from affmap.experiments.exp10_factors.levels import AGENT, left, levels, successes, value_name
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results.numbers import number
 from affmap.results.setting import ReportSettings
@@ -54,36 +55,25 @@ def _row(
     for place, level in enumerate(variations):
         if place == len(below):
             x += GAP
-        left = _left(shares, level)
-        ax.add_patch(
-            Rectangle((x + 0.02, row - 0.45), 0.96, 0.9, color=mpl.colormaps["RdYlBu"](0.15 + 0.6 * min(left, 1)), lw=0)
-        )
-        bound = f" ({number(_left(oracle, level))})" if str(level) in oracle and HOME in oracle else ""
+        share = left(shares, level, shares[HOME])
+        color = mpl.colormaps["RdYlBu"](0.15 + 0.6 * min(share, 1))
+        ax.add_patch(Rectangle((x + 0.02, row - 0.45), 0.96, 0.9, color=color, lw=0))
+        bound = f" ({number(left(oracle, level, oracle[HOME]))})" if str(level) in oracle and HOME in oracle else ""
         ax.text(x + 0.5, row - 0.2, value_name(level), ha="center", va="center", fontsize=6, color="0.25")
-        ax.text(x + 0.5, row + 0.17, f"{number(left)}{bound}", ha="center", va="center", fontsize=7)
+        ax.text(x + 0.5, row + 0.17, f"{number(share)}{bound}", ha="center", va="center", fontsize=7)
         x += 1
     at = len(below) + GAP / 2
     ax.add_patch(Rectangle((at - 0.03, row - 0.45), 0.06, 0.9, color="black", lw=0))
 
 
-def _left(shares: pd.DataFrame, level: Variation) -> float:
-    """Success at a level as a share of that at home, of all members together."""
-    return float(shares[str(level)].mean() / shares[HOME].mean())
-
-
 def _kept(shares: pd.DataFrame, variations: Sequence[Variation], task: Task) -> str:
     """The range around home whose levels are all kept, by their intervals."""
-    home = FACTORS[variations[0].factor].home(task)
+    factor = FACTORS[variations[0].factor]
+    home = factor.home(task)
     held = {each.value: keeps_at(shares, each, at_home(shares)).verdict is Verdict.HOLDS for each in variations}
-    unit, ends = FACTORS[variations[0].factor].unit, []
-    for side in (sorted((v for v in held if v < home), reverse=True), sorted(v for v in held if v > home)):
-        end = home
-        for value in side:
-            if not held[value]:
-                break
-            end = value
-        ends.append(end)
-    return f"{ends[0]:.3g} to {ends[1]:.3g} {unit}".strip() if ends[0] < ends[1] else "at home only"
+    below, above = [value for value in held if value < home], [value for value in held if value > home]
+    low, high = ([home, *takewhile(held.__getitem__, side)][-1] for side in (reversed(below), above))
+    return f"{low:.3g} to {high:.3g} {factor.unit}".strip() if low < high else "at home only"
 
 
 def _caption(with_oracle: bool) -> str:
