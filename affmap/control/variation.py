@@ -16,6 +16,7 @@ from pydantic import AfterValidator
 
 from affmap.control.settings import ControlSettings
 from affmap.env.body import Vehicle
+from affmap.env.effects import pulls
 from affmap.env.layout import Circle, Layout
 from affmap.settings import ConfigError, Number, Settings
 
@@ -108,11 +109,16 @@ def _size(task: Task, value: float, rng: np.random.Generator) -> Task:
 
 
 def _field(task: Task, value: float, rng: np.random.Generator) -> Task:
-    """Let a force field pull up (N) in the whole arena, which no view shows."""
+    """Let force fields pull with another force (N); where there is none, one pulls up everywhere, in no view."""
     layout, reach = task.layout, math.hypot(*task.layout.size)
-    field = Circle(center=(0.0, 0.0), radius=reach, effect="force_up", channel=layout.border_channel, painted=0.0)
-    varied = task._replace(layout=layout.model_copy(update={"circles": (*layout.circles, field)}))
-    return _of_vehicle("force").vary(varied, value, rng)
+    if not _has_fields(task):
+        field = Circle(center=(0.0, 0.0), radius=reach, effect="force_up", channel=layout.border_channel, painted=0.0)
+        task = task._replace(layout=layout.model_copy(update={"circles": (*layout.circles, field)}))
+    return _of_vehicle("force").vary(task, value, rng)
+
+
+def _has_fields(task: Task) -> bool:
+    return not pulls().keys().isdisjoint(task.layout.effects)
 
 
 def _goal(task: Task, value: float, rng: np.random.Generator) -> Task:
@@ -160,7 +166,7 @@ FACTORS = {
     "thrust": _of_vehicle("thrust", "thrust", "N"),
     "damping": _of_vehicle("damping", "damping", "1/s"),
     "contact": _of_vehicle("contact_damping", "contact damping", "1/s"),
-    "field": Factor("unseen force field", "N", lambda task: 0.0, _field),
+    "field": Factor("force field", "N", lambda task: task.vehicle.force if _has_fields(task) else 0.0, _field),
     "noise": _of_vehicle("sensor_std", "noise of the position", "u"),
     "size": Factor("size of the arena", "times", lambda task: 1.0, _size),
     "goal": Factor("distance of the goal", "u", _from_corner_to_corner, _goal),

@@ -132,6 +132,15 @@ def test_an_unseen_field_pulls_everywhere_and_is_in_no_view() -> None:
     np.testing.assert_array_equal(view(task.layout.map, places), view(TASK.layout.map, places))
 
 
+def test_fields_that_there_are_pull_with_another_force() -> None:
+    """In the lower left circle of the map of Experiment V, from rest, f / m dt^2 (1 - damping dt) downwards."""
+    task = TASK._replace(layout=Layout.load("layout", "four_properties"))
+    stronger = Variation(factor="field", value=0.8).vary(task, generator(0, "variation", 0))
+    assert FACTORS["field"].home(task) == task.vehicle.force == 0.5 and stronger.layout == task.layout
+    step = flown(stronger, [0.0] * 4, 1, (0.9, 0.6))[1] - (0.9, 0.6)
+    np.testing.assert_allclose(step, [0, -0.8 / 0.1 / 900 * (1 - 1.92 / 30)], atol=1e-5)
+
+
 def test_looks_change_pictures_and_not_obstacles() -> None:
     """Pictures are those of a world whose obstacles have that radius; the vehicle stops where it does at home."""
     places = np.random.default_rng(0).uniform(0, (3, 2), (50, 2))
