@@ -114,7 +114,7 @@ def test_objects_introduce_themselves_in_a_line() -> None:
         empty: "Layout('original', 3 x 2 u, circles: none)",
         load("procedural_hard"): "Procedural('procedural_hard', 3 x 2 u, circles: 6 to 10 in all of obstacle, fog, "
         "force_up, force_down)",
-        world.circles[0]: "Circle(center=(0.9, 1.4), radius=0.3, effect='obstacle', channel='solid')",
+        world.circles[0]: "Circle(center=(0.9, 1.4), radius=0.3, effect='obstacle', channel='solid', painted=None)",
         affmap.GradientPlanner(): "GradientPlanner(kind='gradient', horizon=20, num_iterations=50, initial_action=0.5, "
         "learning_rate=0.005, decay=0.9)",
     }
