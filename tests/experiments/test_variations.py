@@ -80,7 +80,7 @@ def test_a_factor_that_is_on_the_edge_leaves_the_count_open() -> None:
     by_name = {part.name: part.outcome for part in parts}
     assert by_name["mass"].verdict == Verdict.NOT_DECIDED and by_name["all"].verdict == Verdict.NOT_DECIDED
     assert "left: 1.00 at 1 kg, 0.90 at 2 kg, 1.00 at 3 kg" in by_name["mass"].note
-    assert by_name["all"].note == "2 do not hold, 1 are not decided"
+    assert by_name["all"].note == "do not hold: 2, not decided: 1"
 
 
 def test_what_even_the_oracle_loses_is_not_held_against_the_agent() -> None:

@@ -78,7 +78,7 @@ def _enough(parts: Sequence[Criterion]) -> list[Criterion]:
     else:
         decided = Verdict.DOES_NOT_HOLD if failed > NUM_FACTORS - ENOUGH else Verdict.NOT_DECIDED
         outcome = Outcome(test, members, Verdict.HOLDS if held >= ENOUGH else decided, float(held))
-        outcome = claims.with_note(outcome, [f"{failed} do not hold, {len(parts) - held - failed} are not decided"])
+        outcome = claims.with_note(outcome, [f"do not hold: {failed}, not decided: {len(parts) - held - failed}"])
     says = f"At least {KEPT:g} of the success is left under {ENOUGH} of {NUM_FACTORS} factors."
     return [Criterion("all", "factors that hold", "factors", outcome, says), *(p._replace(counts=False) for p in parts)]
 

@@ -62,7 +62,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         ax.set_ylabel("success")
     shown = [LOOKS[agent] for agent in tables]
     lines = [Line2D([], [], ls=look.style, color=look.color, marker=look.marker, ms=3.5) for look in shown]
-    figure.legend(lines, [look.label for look in shown], loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(lines, [look.label for look in shown], loc="outside lower center", ncols=2, frameon=False)
     return Drawn(
         figure,
         "Share of successful runs, mean over members, at each level of each factor; levels are evenly spaced. The "
