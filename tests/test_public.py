@@ -115,7 +115,7 @@ def test_objects_introduce_themselves_in_a_line() -> None:
         empty: "Layout('original', 3 x 2 u, circles: none)",
         load("procedural_hard"): "Procedural('procedural_hard', 3 x 2 u, circles: 6 to 10 in all of obstacle, fog, "
         "force_up, force_down)",
-        world.circles[0]: "Circle(center=(0.9, 1.4), radius=0.3, effect='obstacle', channel='solid')",
+        world.circles[0]: "Circle(center=(0.9, 1.4), radius=0.3, effect='obstacle', channel='solid', painted=None)",
         affmap.GradientPlanner(): "GradientPlanner(kind='gradient', horizon=20, num_iterations=50, initial_action=0.5, "
         "learning_rate=0.005, decay=0.9)",
     }
@@ -401,9 +401,10 @@ def shares(path: str, by: str) -> pd.DataFrame:
     return (100 * runs.groupby(["layout", by])[["success", "reached"]].mean()).round().astype(int)
 
 
-def percent(path: str, value: str, layout: str, column: str, metric: str = "success") -> str:
-    """The mean of a metric over the runs of a factor's value, in a layout, as explanations write it."""
+def percent(path: str, value: str, layout: str, column: str, metric: str = "success", size: int | None = None) -> str:
+    """The mean of a metric over runs of a factor's value (and of a context size) in a layout, as texts write it."""
     runs = pd.read_csv(ROOT / "runs/reference" / path / "tables/runs.csv").astype({column: str})
+    runs = runs if size is None else runs[runs["context_size"] == size]
     return f"{100 * runs[(runs['layout'] == layout) & (runs[column] == value)][metric].mean():.0f} %"
 
 
@@ -638,13 +639,27 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
     assert f"succeeds in {crowded[1]}, one with blocks that act in turn in {crowded[2]}, and so does an oracle" in text
     opened, closed = (percent("exp7_doors", agent, "doors", "lookahead") for agent in ("time_to_go", "horizon_80"))
     assert f"With the map {opened} of the runs succeed, without it {closed}" in text
+    varied = pd.read_csv(ROOT / "runs/reference/exp10_factors/tables/claims.csv").query(
+        "claim == 'X-1' and part != 'all'"
+    )
+    counts = varied["part_verdict"].value_counts()
+    field, noise, unseen, heavy, contact = (
+        percent("exp10_factors", value, "original", "variation", size=8)
+        for value in ("field/0.8", "noise/0.1", "look/0", "mass/0.4", "contact/24")
+    )
+    assert f"keeps at least 0.9 of its success under {counts['holds']} of 12 factors" in text
+    assert f"pulls with 0.8 N leaves {field}, noise of 0.1 u on its position {noise}" in text
+    assert (
+        f"at their far ends {unseen} (obstacles that no view shows), {heavy} (a mass four times as large) and {contact}"
+        in text
+    )
     results, baselines = page("docs/results.md"), pd.read_csv(ROOT / "runs/reference/exp6_radii/tables/baselines.csv")
     seen = baselines.query("planner == 'seen' and layout == 'procedural_crowded_hard'")["success"].mean()
     assert f"succeeds in {100 * seen:.0f} % of the runs, and so do models with blocks" in results
     assert crowded[2] == percent("exp6_radii", "given", "procedural_crowded_hard", "learner") == f"{100 * seen:.0f} %"
     verdicts = [
         verdict
-        for name in ("exp6", "exp6_radii", "exp7", "exp7_doors")
+        for name in ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp10_factors")
         for verdict in pd.read_csv(ROOT / f"runs/reference/{name}/tables/claims.csv")
         .groupby("claim")["verdict"]
         .first()

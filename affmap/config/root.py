@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo,
 from affmap.compiled import installed
 from affmap.control.registry import PLANNER, AnyAgent, OracleSettings
 from affmap.control.settings import ControlSettings
+from affmap.control.variation import Task, Variation
 from affmap.data.settings import Exploration
 from affmap.env import procedural
 from affmap.env.body import Vehicle
@@ -112,6 +113,8 @@ class Config(Settings):
     """Layout that agents fly in; a procedural one gives each run a layout of its own."""
     map_layout: NamedLayout
     """Layout of the affordance maps in the report."""
+    variation: Annotated[Variation | None, BeforeValidator(Variation.read), Neutral(None)]
+    """What is other in control than in training: a factor and its value, such as `mass/0.2`; None for nothing."""
     vehicle: Vehicle
     data: Exploration
     model: ModelSettings
@@ -203,10 +206,20 @@ class Config(Settings):
         if isinstance(layout, Rules):  # rules that cannot be met should not turn up after hours of training
             layout = layout.draw(generator(self.seed, "world", 0))
         layout.check_corners(self.vehicle.radius)
-        if self.control.goal_radius >= layout.shortest_way:
+        task = Task(layout, self.vehicle, self.control)
+        if self.variation:
+            task = self.variation.vary(task, generator(self.seed, "variation", 0))
+        if task.settings.goal_distance is not None:
+            if self.control.goal_radius >= task.settings.goal_distance:
+                key = f"variation = '{self.variation}'" if self.variation else "control.goal_distance"
+                raise ValueError(
+                    f"{key} puts goals {task.settings.goal_distance:g} u away, and control.goal_radius = "
+                    f"{self.control.goal_radius} would count runs as successes where they start; make it smaller."
+                )
+        elif self.control.goal_radius >= task.layout.shortest_way:
             raise ValueError(
                 f"control.goal_radius = {self.control.goal_radius} would count runs as successes where they start: in "
-                f"{layout.name!r} the goal may be {layout.shortest_way:.4g} u away; make it smaller."
+                f"{layout.name!r} the goal may be {task.layout.shortest_way:.4g} u away; make it smaller."
             )
         return self
 
@@ -286,7 +299,8 @@ class Config(Settings):
 
 def label(config: Config) -> str:
     """A short description of a job, for logs."""
-    return f"{config.control_layout.name}, {config.model.name}, {config.controller}, {config.lookup.name}"
+    varied = f", {config.variation}" if config.variation else ""
+    return f"{config.control_layout.name}{varied}, {config.model.name}, {config.controller}, {config.lookup.name}"
 
 
 def plain(config: Any) -> dict[str, Any]:

@@ -25,8 +25,8 @@ MAX_JOBS = 20_000
 MAX_COMPOSED = 1000
 """Most combinations of files and of texts with special characters, each of which takes Hydra a tenth of a second."""
 
-BASELINE_KEYS = ("control_layout", "world", "seed", "members")
-"""Keys that baselines are swept over, too: layouts and members."""
+BASELINE_KEYS = ("control_layout", "world", "variation", "seed", "members")
+"""Keys that baselines are swept over, too: layouts, their variations, and members."""
 
 
 class Sweep(NamedTuple):

@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -86,7 +87,8 @@ def control(
         seeds: of the M members; those of an `Agent` are its own, `agent.seeds`.
         on_step: called with the number of steps done.
         starts: where the B runs start, `[B, 2]` in u; by default a random place in a corner, for each run the next.
-        goals: where they should end, `[B, 2]` in u; by default a random place in the opposite corner.
+        goals: where they should end, `[B, 2]` in u; by default a random place in the opposite corner, or as far
+            from the start as the settings say.
         seed: of other starts, goals and random numbers than those of reports, which have 0.
     """
     pairs = [(member, run) for member in seeds for run in range(settings.runs_per_member)]
@@ -100,7 +102,9 @@ def control(
         return [env.layout.map for env in envs] if have_doors else [layout.map for layout in layouts]
 
     generators = [generator(member, "planner", *keys) for member, *keys in streams]
-    options = [{"corner": run % 4} for _, run in pairs]
+    options: list[dict[str, Any]] = [{"corner": run % 4} for _, run in pairs]
+    if settings.goal_distance is not None and goals is None:
+        options = [{**each, "distance": settings.goal_distance} for each in options]
     for key, points in (("position", starts), ("goal", goals)):
         options = [{**each, key: points[b]} for b, each in enumerate(options)] if points is not None else options
     begun = [

@@ -36,6 +36,8 @@ class ControlSettings(Settings, defaults="control/default"):
     """Distance to the goal below which it is near, u."""
     goal_radius: Length = preset()
     """Distance to the goal below which it is reached, u."""
+    goal_distance: Annotated[Length | None, Neutral(None)] = preset()
+    """Distance between start and goal, u, in any direction; None for goals in the opposite corner."""
     guide: Annotated[Guide, Neutral("none")] = preset()
     """Sub-goals of an agent that plans: none, or points ahead on the shortest way by its own imagination."""
     guide_spacing: Annotated[Length, Neutral(0.1), Field(ge=0.02)] = preset()

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from affmap.settings import Count, Length, NonNegative, Positive, Settings, preset, read
+from affmap.settings import Count, Length, Neutral, NonNegative, Positive, Settings, preset, read
 from affmap.settings.changes import changed
 
 THROTTLES = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / math.sqrt(2)
@@ -45,6 +45,8 @@ class Vehicle(Settings, defaults="vehicle/default"):
     """Strength of a force field, N."""
     fog_std: Annotated[NonNegative, Field(le=1000)] = preset()
     """Standard deviation of the noise on each coordinate of the position reported from inside fog, u."""
+    sensor_std: Annotated[NonNegative, Neutral(0.0), Field(le=1000)] = preset()
+    """Standard deviation of further noise on each coordinate of every reported position, u."""
     time_step_s: Positive = preset()
     """Duration of a step, s."""
     velocity_iterations: Iterations = preset()

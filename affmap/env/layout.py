@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from affmap.env.effects import SOLID, check_effect
 from affmap.lazy import notebook
-from affmap.settings import ConfigError, Length, Line, Name, Neutral, Number, Settings, preset
+from affmap.settings import ConfigError, Length, Line, Name, Neutral, NonNegative, Number, Settings, preset
 from affmap.settings.messages import format_value
 from affmap.view import VisibleLayout, view
 
@@ -42,6 +42,8 @@ class Circle(Settings):
     pulls it, or nothing."""
     channel: Line
     """Name of the channel of the view that it is painted in."""
+    painted: Annotated[Annotated[NonNegative, Field(le=1000)] | None, Neutral(None)] = preset()
+    """Radius that it is painted with, u, if views should show another than its own; 0 for not at all."""
 
     @property
     def x(self) -> float:
@@ -196,7 +198,8 @@ class Layout(Arena):
     @cached_property
     def map(self) -> VisibleLayout:
         """The visible part of this layout."""
-        circles = tuple((*circle.center, circle.radius, self.channels.index(circle.channel)) for circle in self.circles)
+        painted = [(each, each.radius if each.painted is None else each.painted) for each in self.circles]
+        circles = tuple((*each.center, radius, self.channels.index(each.channel)) for each, radius in painted if radius)
         own = self.size, len(self.channels), self.channels.index(self.border_channel), circles
         if self._without_doors is None:
             return VisibleLayout(*own)

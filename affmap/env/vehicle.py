@@ -24,6 +24,9 @@ from affmap.view import PIXELS, view
 
 RENDER_FPS = 30
 
+GOALS = 1000
+"""Directions that are tried for a goal at a given distance."""
+
 
 class PlainSpec:
     """An environment whose specification in Gymnasium has plain values for settings, so that it can be stored."""
@@ -54,7 +57,7 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     | observation | space | unit | meaning |
     |---|---|---|---|
-    | position | Box(-inf, inf, [2]) | u | reported position; inside fog it carries noise |
+    | position | Box(-inf, inf, [2]) | u | reported position; it carries noise in fog, and with `sensor_std` anywhere |
     | delta | Box(-inf, inf, [2]) | u/step | change of the reported position in the last step |
     | view | MultiBinary([K, 11, 11]) | - | the 0.5 x 0.5 u around the true position, a channel for each kind of look |
     | goal | Box(0, size of the arena, [2]) | u | where to fly |
@@ -73,9 +76,9 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ## Starting state
 
     At rest, in the square of a random corner, with its goal in the opposite one. `reset(options=...)` takes `corner`
-    (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u). If the layout is
-    procedural, every reset draws another one, which like all else follows from the seed; not each of them can be
-    crossed.
+    (0 to 3: lower left, lower right, upper left, upper right), or `position` and `goal` (`[2]`, u). Instead of a goal,
+    `distance` (u) makes it a random free place so far from the start. If the layout is procedural, every reset draws
+    another one, which like all else follows from the seed; not each of them can be crossed.
 
     ## Episode end
 
@@ -148,8 +151,10 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """
         super().reset(seed=seed)
         options = options or {}
-        if unknown := set(options) - {"corner", "position", "goal"}:
-            raise ValueError(f"options {sorted(unknown)} are unknown; give corner, or position and goal.")
+        if unknown := set(options) - {"corner", "position", "goal", "distance"}:
+            raise ValueError(f"options {sorted(unknown)} are unknown; give corner, or position, and goal or distance.")
+        if {"goal", "distance"} <= options.keys():
+            raise ValueError("options have both goal and distance; give one of them.")
         layout = self._arena
         if isinstance(layout, Rules):
             layout = layout.draw(self.np_random)
@@ -165,6 +170,8 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 raise ValueError(f"{key} = {point.tolist()} is not a point of the arena {list(layout.size)} (u).")
         if not layout.is_free(position, self.vehicle.radius):
             raise ValueError(f"position = {position.tolist()} is not free: the vehicle would overlap something solid.")
+        if "distance" in options:
+            goal = self._goal_at(layout, position, float(options["distance"]))
         self.goal = goal
         self.action = np.zeros(4)
         self.planned_positions = None
@@ -240,11 +247,28 @@ class VehicleEnv(PlainSpec, gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise gymnasium.error.ResetNeeded("Call reset() before the first step() or render().")
         return self._physics
 
+    def _goal_at(self, layout: Layout, position: np.ndarray, distance: float) -> np.ndarray:
+        """A random place, free for the vehicle, at a distance (u) from a position `[2]` (u): `[2]` in u.
+
+        Raises:
+            ValueError: none was found, or the distance is none.
+        """
+        if not 0 < distance < math.inf:
+            raise ValueError(f"distance = {distance} is not allowed: it should be greater than 0 and finite.")
+        angles = self.np_random.uniform(0, 2 * math.pi, GOALS)
+        places = position + distance * np.column_stack([np.cos(angles), np.sin(angles)])
+        free = layout.is_free(places, self.vehicle.radius)
+        if not free.any():
+            raise ValueError(f"distance = {distance}: no place so far from {position.tolist()} is free for a goal.")
+        return np.asarray(places[free.argmax()])
+
     def _sense(self) -> None:
         """Update the true position and the one reported by the vehicle's sensors."""
         physics = self._running()
         self._layout = physics.layout
         noise = self.np_random.normal(0, self.vehicle.fog_std, 2) if physics.in_fog else 0.0
+        if self.vehicle.sensor_std:
+            noise = noise + self.np_random.normal(0, self.vehicle.sensor_std, 2)
         self._position = physics.position
         self._reported = self._position + noise
 

@@ -18,11 +18,17 @@ from affmap.report.experiment import PARTS, Room
 from affmap.results.claims import Claim
 from affmap.settings import ConfigError
 
-__all__ = ["ROOMS", "claims_about", "open_room"]
+__all__ = ["ROOMS", "by_number", "claims_about", "open_room"]
 
 _HERE = Path(__file__).parent
 
-ROOMS = tuple(sorted(path.parent.name for path in _HERE.glob("*/claims.py")))
+
+def by_number(name: str) -> tuple[int, str]:
+    """The key by which names of experiments are sorted: the tenth comes after the ninth."""
+    return len(name.partition("_")[0]), name
+
+
+ROOMS = tuple(sorted((path.parent.name for path in _HERE.glob("*/claims.py")), key=by_number))
 """The rooms that have claims."""
 
 

@@ -13,6 +13,8 @@ from affmap.control.controller import Controller
 from affmap.control.episodes import control
 from affmap.control.oracle import HalfOracle, Oracle
 from affmap.control.registry import AgentSettings, OracleSettings
+from affmap.control.variation import Task
+from affmap.env.body import Vehicle
 from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
 from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
@@ -30,14 +32,15 @@ from affmap.store.attempt import Attempt
 def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     """Fly all runs; write their table, trajectories and layouts."""
     stack = trained(config, train).to(config.control.device)
-    layouts = _layouts(config)
+    tasks = _tasks(config)
+    layouts, vehicle, settings = [task.layout for task in tasks], tasks[0].vehicle, tasks[0].settings
     lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
-    controller = _controller(config, stack, lookup, layouts)
+    controller = _controller(config, stack, lookup, layouts, vehicle)
     num_runs = config.members * config.control.runs_per_member
     with track(
-        f"control, {label(config)}: {counted(num_runs, 'run')}", config.control.num_steps, "steps", attempt.progress
+        f"control, {label(config)}: {counted(num_runs, 'run')}", settings.num_steps, "steps", attempt.progress
     ) as update:
-        runs = control(controller, layouts, config.vehicle, config.control, config.seeds, update)
+        runs = control(controller, layouts, vehicle, settings, config.seeds, update)
     values: dict[Factor, Value] = {
         LAYOUT: config.control_layout.name,
         PLANNER: config.controller,
@@ -47,7 +50,7 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     setting = {factor.column: values[factor] for factor in FACTORS.values()}
     run_layouts = layouts * num_runs if len(layouts) == 1 else layouts
     starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
-    ways = [crossable(*run) for run in zip(run_layouts, repeat(config.vehicle), starts, goals)]
+    ways = [crossable(*run) for run in zip(run_layouts, repeat(vehicle), starts, goals)]
     errors = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
     table = metrics.table(Trajectories(**runs.trajectories), metrics.stored_metrics())
     write_runs(attempt.folder, setting, table, [ways, errors])
@@ -55,27 +58,41 @@ def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
     write_layouts(attempt.folder, run_layouts)
 
 
-def _controller(config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout]) -> Controller:
-    """The controller: an agent of stack, look-up and planner, an oracle, or one that needs none of these."""
+def _controller(
+    config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout], vehicle: Vehicle
+) -> Controller:
+    """The controller: an agent of stack, look-up and planner, an oracle, or one that needs none of these.
+
+    Oracles know the vehicle that flies; agents have learned another one, if the task is varied.
+    """
     settings = config.agent
     if not isinstance(settings, AgentSettings | OracleSettings):
         return settings
     if settings.kind in ("oracle", "seen"):
         as_seen = settings.kind == "seen"
-        return Oracle(layouts, config.vehicle, config.planner, config.control, settings.std, as_seen)
+        return Oracle(layouts, vehicle, config.planner, config.control, settings.std, as_seen)
     agent = Agent(stack, lookup, config.planner, config.control)
     if settings.kind == "planner":
         return agent
-    return HalfOracle(agent, layouts, config.vehicle, settings.kind == "true_mean", settings.std)
+    return HalfOracle(agent, layouts, vehicle, settings.kind == "true_mean", settings.std)
 
 
-def _layouts(config: Config) -> list[Layout]:
-    """The one layout of all agents, or a layout for each (member-major), the same in all settings."""
-    layout = config.control_layout
+def _tasks(config: Config) -> list[Task]:
+    """The one task of all agents, or a task for each (member-major), the same in all settings but for variations.
+
+    They differ in their layouts only.
+    """
+    layout, variation = config.control_layout, config.variation
+    keys = [(seed, run) for seed in config.seeds for run in range(config.control.runs_per_member)]
     if isinstance(layout, Layout):
-        return [layout]
-    runs = range(config.control.runs_per_member)
-    return [layout.draw(generator(seed, "world", run)) for seed in config.seeds for run in runs]
+        layouts = [layout] * (len(keys) if variation and variation.is_random else 1)
+    else:
+        layouts = [layout.draw(generator(seed, "world", run)) for seed, run in keys]
+    tasks = [Task(each, config.vehicle, config.control) for each in layouts]
+    if not variation:
+        return tasks
+    generators = (generator(seed, "variation", run) for seed, run in keys)
+    return [variation.vary(task, rng) for task, rng in zip(tasks, generators, strict=False)]
 
 
 def _lookup_error(

@@ -51,7 +51,10 @@ MAP = StageDefinition("map", ("models", "report", "map_layout"), needs=TRAIN)
 BLOCKS = StageDefinition("blocks", ("models", "report", "map_layout"), needs=TRAIN)
 """Only of models whose codes have blocks."""
 CONTROL = StageDefinition(
-    "control", ("models", "lookup", "planner", "agent", "control", "control_layout"), needs=TRAIN, version=2
+    "control",
+    ("models", "lookup", "planner", "agent", "control", "control_layout", "variation"),
+    needs=TRAIN,
+    version=2,
 )
 
 

@@ -64,10 +64,21 @@ class Results(Design):
 
     @cached_property
     def baseline_runs(self) -> pd.DataFrame:
-        """One row per run of agents without a learned model, as `runs`; the agent is in the column `planner`."""
+        """One row per run of agents without a learned model, as `runs`; the agent is in the column `planner`.
+
+        A factor that they are swept over, too, has its column, as in `runs`.
+        """
         if not self.baselines:
             return self.runs.iloc[:0]
-        table = pd.concat([read_runs(setting) for setting in self.baselines], ignore_index=True)
+        own = [factor for factor in self.factors if factor.key not in FACTORS]
+        shared = [factor for factor in own if factor.key in self.baselines[0].values]
+        table = pd.concat(
+            [
+                read_runs(setting).assign(**{factor.column: setting.values[factor.key] for factor in shared})
+                for setting in self.baselines
+            ],
+            ignore_index=True,
+        )
         return table.drop(columns=[CONTEXT_SIZE.column, SPACING.column])
 
     @property

@@ -6,11 +6,13 @@ from pathlib import Path
 from links import translate
 from places import REFERENCE, ROOT
 
+from affmap.experiments import by_number
+
 
 def pages() -> Iterator[tuple[str, str]]:
     """Place in the site -> Markdown, for each experiment with a page of its own and a published report."""
-    for room in sorted((ROOT / "affmap/experiments").glob("*/page.md")):
-        name = room.parent.name
+    rooms = (path.parent.name for path in (ROOT / "affmap/experiments").glob("*/page.md"))
+    for name in sorted(rooms, key=by_number):
         report = REFERENCE / name / "report.md"
         if report.is_file():
             text = f"{report.read_text('utf-8')}\n[The report as PDF](report.pdf)\n"

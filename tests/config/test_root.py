@@ -181,6 +181,10 @@ BAD: list[tuple[str, Any, str]] = [
     ("control_layout", "moon", "does not exist"),
     ("control_layout", "fog", "a model sees the same ones everywhere"),
     ("map_layout", "three_looks", "a model sees the same ones everywhere"),
+    ("variation", "moss/2", "should be home, or a factor and its value, such as mass/0.2"),
+    ("variation", "number/2.5", "is no number of obstacles"),
+    ("variation", "contact/30", "would stop the vehicle for good"),
+    ("variation", "goal/0.1", "puts goals 0.1 u away, and control.goal_radius = 0.1 would count runs"),
     ("acts", "edge", "'center' or 'rim'"),
     ("acts", True, "'center' or 'rim'"),
     ("baselines", "oracle", "valid tuple"),
@@ -274,6 +278,8 @@ BAD: list[tuple[str, Any, str]] = [
     ("control.goal_radius", 0.0, "greater than 0"),
     ("control.goal_radius", 100.0, "would count runs as successes where they start"),
     ("control.goal_radius", 2.8, "the goal may be 2.778 u away"),  # 2.4 to the side and 1.4 up
+    ("control.goal_distance", 0.0, "greater than 0"),
+    ("control.goal_distance", 0.1, "would count runs as successes where they start"),
     ("control.guide", "star", "it should be 'none' or 'time_to_go'"),
     ("control.guide_spacing", 0.01, "greater than or equal to 0.02"),
     ("control.guide_steps", 0.0, "greater than 0"),
@@ -288,7 +294,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.compare", 3, "valid string"),
     ("report.x", 3, "valid string"),
     ("report.color", 3, "valid string"),
-    ("report.claims", "exp99", "there are: exp1, exp2"),
+    ("report.claims", "exp99", "there are: exp1, exp10_factors, exp2"),
     ("report.names", "EB", "valid dictionary"),
     ("report.names", {"cem": "_EB"}, "begin it with another character, since legends leave it out"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
@@ -380,13 +386,14 @@ NEUTRAL = {
     "report": {"x", "color", "paper_figures"},
     "model": {"transition"},
     "training": {"cooldown"},
-    "control": GUIDE,
+    "control": {*GUIDE, "goal_distance"},
+    "vehicle": {"sensor_std"},
 }
 """Keys that may be missing, which says the same as their neutral value."""
 
 
 def test_every_missing_key_is_named(values: Values) -> None:
-    """Nothing has a default in the code, but for agent and learning, which configurations did not have at first."""
+    """Nothing has a default in the code, but for three keys that configurations did not have at first."""
     for group in [key for key, value in values.items() if isinstance(value, dict) and key != "sweep"]:
         for key in set(values[group]) - NEUTRAL.get(group, set()):
             lacking = {**values, group: {other: value for other, value in values[group].items() if other != key}}
@@ -394,7 +401,7 @@ def test_every_missing_key_is_named(values: Values) -> None:
                 Config.checked(lacking, "the test")
     for key in values:
         lacking = {other: value for other, value in values.items() if other != key}
-        if key in ("agent", "learning"):
+        if key in ("agent", "learning", "variation"):
             assert Config.checked(lacking, "the test") == checked(values)
             continue
         with pytest.raises(ConfigError, match=rf"{key} is missing; add the key"):
@@ -550,7 +557,10 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("control.num_steps", 100, "control"),
     ("control.beta", 10.0, "control"),
     ("control.runs_per_member", 8, "control"),
+    ("control.goal_distance", 1.0, "control"),
     ("control.guide", "time_to_go", "control"),
+    ("variation", "mass/0.2", "control"),
+    ("variation", "home", ""),
     ("lookup.spacing", 0.03, "control"),
     ("lookup.differentiable", True, "control"),
     ("planner.num_iterations", 3, "control"),
@@ -667,7 +677,8 @@ def test_the_reference_s_models_are_found() -> None:
         8: "5a58f256b5c01453",
     }
     kept = {path.name for path in (CONF.parent / "runs/reference/store/train").iterdir()}
-    experiments = ("exp1", "exp2", "exp3", "exp3_growth", "exp4", "exp5", "exp6", "exp6_radii", "exp7", "exp7_doors")
+    experiments = [f"exp{number}" for number in range(1, 8)]
+    experiments += ["exp3_growth", "exp6_radii", "exp7_doors", "exp10_factors"]
     assert {TRAIN.of(job).digest for name in experiments for job in jobs(name, "full")} == kept
 
 

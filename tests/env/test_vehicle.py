@@ -137,13 +137,44 @@ def test_an_option_does_not_change_the_other_draws() -> None:
     np.testing.assert_array_equal(env.reset(seed=8, options={"corner": 1, "position": [1, 1]})[0]["goal"], plain)
 
 
+def test_goals_at_a_distance_are_free_and_lie_in_all_directions() -> None:
+    """Starts are those without the option. From the centre 0.6 u to any side are within the arena."""
+    env = VehicleEnv()
+    start = env.reset(seed=8, options={"corner": 1})[1]["position"]
+    np.testing.assert_array_equal(env.reset(seed=8, options={"corner": 1, "distance": 1.0})[1]["position"], start)
+    options = {"position": [1.5, 1.0], "distance": 0.6}
+    goals = np.array([env.reset(seed=seed, options=options)[0]["goal"] for seed in range(200)], float)
+    np.testing.assert_allclose(np.linalg.norm(goals - [1.5, 1.0], axis=1), 0.6, atol=1e-6)
+    assert env.layout.is_free(goals, env.vehicle.radius).all()
+    above, right = goals[:, 1] > 1, goals[:, 0] > 1.5
+    assert np.histogram2d(above, right, 2)[0].min() > 25
+
+
+def test_noise_of_the_sensors_is_on_every_reported_position_and_on_no_true_one() -> None:
+    """Against the same flight without it: equal truth, and deviations with the standard deviation asked for."""
+    flights = []
+    for std in (0.0, 0.05):
+        env = VehicleEnv(vehicle={"sensor_std": std})
+        steps = [env.reset(seed=3, options={"corner": 0})]
+        for _ in range(400):
+            observation, *_, info = env.step(np.array([0.5, 0.5, 0.5, 0.4]))
+            steps.append((observation, info))
+        flights.append([np.array([each[key] for each, _ in steps]) for key in ("position", "delta")])
+        flights[-1].append(np.array([info["position"] for _, info in steps]))
+    (plain, _, truth), (noisy, delta, same) = flights
+    np.testing.assert_array_equal(truth, same)
+    np.testing.assert_array_equal(plain, truth.astype(np.float32))
+    assert (noisy - truth).std() == pytest.approx(0.05, rel=0.1)
+    np.testing.assert_allclose(delta[1:], np.diff(noisy, axis=0), atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"corner": 4}, "corner = 4 is not one of 0, 1, 2, 3"),
         ({"corner": -1}, "corner = -1 is not one of 0, 1, 2, 3"),
         ({"corner": "left"}, "corner = 'left' is not one of 0, 1, 2, 3"),
-        ({"start": [1, 1]}, r"options \['start'\] are unknown; give corner, or position and goal"),
+        ({"start": [1, 1]}, r"options \['start'\] are unknown; give corner, or position, and goal or distance"),
         ({"position": [0.75, 0.5]}, r"position = \[0.75, 0.5\] is not free"),
         ({"position": [0.01, 1.0]}, r"position = \[0.01, 1.0\] is not free"),
         ({"position": [math.nan, 1.0]}, r"position = \[nan, 1.0\] is not a point of the arena"),
@@ -152,6 +183,10 @@ def test_an_option_does_not_change_the_other_draws() -> None:
         ({"goal": [3.5, 1.0]}, r"goal = \[3.5, 1.0\] is not a point of the arena \[3.0, 2.0\]"),
         ({"goal": [1.0, math.nan]}, r"goal = \[1.0, nan\] is not a point of the arena"),
         ({"goal": 1.0}, r"goal = 1.0 is not a point of the arena"),
+        ({"goal": [1.0, 1.0], "distance": 1.0}, r"have both goal and distance; give one of them"),
+        ({"distance": -1.0}, r"distance = -1.0 is not allowed: it should be greater than 0 and finite"),
+        ({"distance": math.nan}, r"distance = nan is not allowed"),
+        ({"distance": 4.0}, r"distance = 4.0: no place so far from .* is free for a goal"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:

@@ -1,0 +1,274 @@
+"""Factors of variation: one property of the task at a time is set to another value than at home, where agents learned.
+
+A factor is an entry of `FACTORS`: its name and unit for readers, its value at home, and a function that sets it. The
+agent is not told: it keeps its model, and all that it knows of the vehicle. Oracles are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from pydantic import AfterValidator
+
+from affmap.control.settings import ControlSettings
+from affmap.env.body import Vehicle
+from affmap.env.effects import pulls
+from affmap.env.layout import Circle, Layout
+from affmap.settings import ConfigError, Number, Settings
+
+HOME = "home"
+"""The value of the key `variation` where nothing is varied."""
+
+GAP = 0.15
+"""u; obstacles that are moved or added keep it to others, to borders and to corner squares, as in easy worlds of
+Experiment V. The vehicle, 0.12 u wide, fits through."""
+
+TRIES, DRAWS = 1000, 100
+"""Places that are tried for an obstacle, and draws of all of them: the first ones may leave the last one no room."""
+
+
+class Task(NamedTuple):
+    """Everything about a flight but the agent."""
+
+    layout: Layout
+    vehicle: Vehicle
+    settings: ControlSettings
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor of variation.
+
+    Attributes:
+        label: its name for readers.
+        unit: of its values; empty for numbers and ratios.
+        home: its value in a task that is not varied.
+        vary: function of a task, a value and a generator that returns the task with this value.
+        is_random: whether it draws, so that each run has a world of its own.
+    """
+
+    label: str
+    unit: str
+    home: Callable[[Task], float]
+    vary: Callable[[Task, float, np.random.Generator], Task]
+    is_random: bool = False
+
+
+def _number(task: Task, value: float, rng: np.random.Generator) -> Task:
+    """Remove obstacles drawn at random, or add some of the same size at random places."""
+    obstacles = list(task.layout.obstacles)
+    if not value.is_integer() or value < 0 or not obstacles:
+        raise ConfigError(f"{value:g} is no number of obstacles, or the layout has none to begin with.")
+    kept = sorted(rng.permutation(len(obstacles))[: int(value)])
+
+    def draw() -> list[Circle]:
+        chosen = [obstacles[index] for index in kept]
+        for _ in range(int(value) - len(chosen)):
+            like = obstacles[rng.integers(len(obstacles))]
+            places = rng.uniform((0, 0), task.layout.size, (TRIES, 2))
+            chosen.append(_first_that_fits(task.layout, like, places, chosen))
+        return chosen
+
+    return _with_obstacles(task, _drawn(draw))
+
+
+def _place(task: Task, value: float, rng: np.random.Generator) -> Task:
+    """Move each obstacle by a distance (u) in a direction of its own, one after the other."""
+
+    def draw() -> list[Circle]:
+        obstacles = list(task.layout.obstacles)
+        for index in rng.permutation(len(obstacles)):
+            angles = rng.uniform(0, 2 * math.pi, TRIES)
+            places = obstacles[index].center + value * np.column_stack([np.cos(angles), np.sin(angles)])
+            others = obstacles[:index] + obstacles[index + 1 :]
+            obstacles[index] = _first_that_fits(task.layout, obstacles[index], places, others)
+        return obstacles
+
+    return _with_obstacles(task, _drawn(draw))
+
+
+def _radius(task: Task, value: float, rng: np.random.Generator) -> Task:
+    return _with_obstacles(task, [_changed(circle, radius=value) for circle in task.layout.obstacles])
+
+
+def _look(task: Task, value: float, rng: np.random.Generator) -> Task:
+    """Paint obstacles larger or smaller than they are (u)."""
+    return _with_obstacles(task, [_changed(circle, painted=value) for circle in task.layout.obstacles])
+
+
+def _size(task: Task, value: float, rng: np.random.Generator) -> Task:
+    """Scale the arena and the places of circles, and not the circles themselves."""
+    width, height = task.layout.size
+    circles = [_changed(circle, center=(value * circle.x, value * circle.y)) for circle in task.layout.circles]
+    update = {"size": (value * width, value * height), "circles": tuple(circles)}
+    return task._replace(layout=task.layout.model_copy(update=update))
+
+
+def _field(task: Task, value: float, rng: np.random.Generator) -> Task:
+    """Let force fields pull with another force (N); where there is none, one pulls up everywhere, in no view."""
+    layout, reach = task.layout, math.hypot(*task.layout.size)
+    if not _has_fields(task):
+        field = Circle(center=(0.0, 0.0), radius=reach, effect="force_up", channel=layout.border_channel, painted=0.0)
+        task = task._replace(layout=layout.model_copy(update={"circles": (*layout.circles, field)}))
+    return _of_vehicle("force").vary(task, value, rng)
+
+
+def _has_fields(task: Task) -> bool:
+    return not pulls().keys().isdisjoint(task.layout.effects)
+
+
+def _goal(task: Task, value: float, rng: np.random.Generator) -> Task:
+    return task._replace(settings=task.settings.model_copy(update={"goal_distance": value}))
+
+
+def _step(task: Task, value: float, rng: np.random.Generator) -> Task:
+    """Change the duration of a step (ms), in runs that last as long as before."""
+    steps = round(task.settings.num_steps * _milliseconds(task) / value) if value > 0 else 0
+    varied = task._replace(settings=task.settings.model_copy(update={"num_steps": steps}))
+    return _of_vehicle("time_step_s").vary(varied, value / 1000, rng)
+
+
+def _milliseconds(task: Task) -> float:
+    """Duration of a step, ms."""
+    return 1000 * task.vehicle.time_step_s
+
+
+def _of_vehicle(key: str, label: str = "", unit: str = "") -> Factor:
+    """The factor of a key of the vehicle."""
+
+    def vary(task: Task, value: float, rng: np.random.Generator) -> Task:
+        return task._replace(vehicle=task.vehicle.model_copy(update={key: value}))
+
+    return Factor(label, unit, lambda task: float(getattr(task.vehicle, key)), vary)
+
+
+def _of_first(key: str) -> Callable[[Task], float]:
+    """The value of a key of the first obstacle; 0 without one."""
+    return lambda task: float(next((getattr(circle, key) for circle in task.layout.obstacles), 0.0))
+
+
+def _from_corner_to_corner(task: Task) -> float:
+    """Distance between the centres of the squares where runs start and end, u."""
+    inset = 2 * task.layout.start_margin + task.layout.start_side
+    return math.hypot(*(side - inset for side in task.layout.size))
+
+
+FACTORS = {
+    "number": Factor("number of obstacles", "", lambda task: len(task.layout.obstacles), _number, is_random=True),
+    "radius": Factor("radius of obstacles", "u", _of_first("radius"), _radius),
+    "place": Factor("obstacles moved by", "u", lambda task: 0.0, _place, is_random=True),
+    "look": Factor("painted radius", "u", _of_first("radius"), _look),
+    "mass": _of_vehicle("mass", "mass", "kg"),
+    "thrust": _of_vehicle("thrust", "thrust", "N"),
+    "damping": _of_vehicle("damping", "damping", "1/s"),
+    "contact": _of_vehicle("contact_damping", "contact damping", "1/s"),
+    "field": Factor("force field", "N", lambda task: task.vehicle.force if _has_fields(task) else 0.0, _field),
+    "noise": _of_vehicle("sensor_std", "noise of the position", "u"),
+    "size": Factor("size of the arena", "times", lambda task: 1.0, _size),
+    "goal": Factor("distance of the goal", "u", _from_corner_to_corner, _goal),
+    "step": Factor("time step", "ms", _milliseconds, _step),
+}
+"""Name in configurations -> factor."""
+
+
+def _check_factor(name: str) -> str:
+    if name not in FACTORS:
+        raise ValueError(f"should be one of {', '.join(FACTORS)}")
+    return name
+
+
+class Variation(Settings):
+    """A factor of variation and its value, in configurations as a text: `mass/0.2`."""
+
+    factor: Annotated[str, AfterValidator(_check_factor)]
+    """A key of `FACTORS`."""
+    value: Number
+    """Its value, in the factor's unit."""
+
+    def __str__(self) -> str:
+        return f"{self.factor}/{self.value:g}"
+
+    @property
+    def is_random(self) -> bool:
+        """Whether each run has a world of its own."""
+        return FACTORS[self.factor].is_random
+
+    def vary(self, task: Task, rng: np.random.Generator) -> Task:
+        """The task with this value; itself, if that is the value at home.
+
+        Raises:
+            ConfigError: the task cannot have this value.
+        """
+        factor = FACTORS[self.factor]
+        if self.value == factor.home(task):
+            return task
+        try:
+            varied = factor.vary(task, self.value, rng)
+            varied.layout.check_corners(varied.vehicle.radius)
+        except ConfigError as error:
+            raise ConfigError(f"variation = '{self}' cannot be flown: {error}") from None
+        return varied
+
+    @classmethod
+    def read(cls, given: Any) -> Any:
+        """The keys and values of a text such as `mass/0.2`, or None for `home`; anything else is left as it is.
+
+        Raises:
+            ValueError: the text is neither.
+        """
+        if not isinstance(given, str) or given == HOME:
+            return None if given == HOME else given
+        factor, slash, value = given.partition("/")
+        try:
+            return {"factor": _check_factor(factor), "value": float(value if slash else "none")}
+        except ValueError:
+            raise ValueError(
+                f"should be {HOME}, or a factor and its value, such as mass/0.2; factors are {', '.join(FACTORS)}"
+            ) from None
+
+
+def _changed(circle: Circle, **update: Any) -> Circle:
+    return circle.model_copy(update=update)
+
+
+def _with_obstacles(task: Task, obstacles: list[Circle]) -> Task:
+    """The task with other obstacles; circles of other effects stay."""
+    solid = set(task.layout.obstacles)
+    circles = (*obstacles, *(circle for circle in task.layout.circles if circle not in solid))
+    return task._replace(layout=task.layout.model_copy(update={"circles": circles}))
+
+
+def _drawn(draw: Callable[[], list[Circle]]) -> list[Circle]:
+    """The first draw of obstacles that has room for all.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    for _ in range(DRAWS - 1):
+        try:
+            return draw()
+        except ConfigError:
+            continue
+    return draw()
+
+
+def _first_that_fits(layout: Layout, circle: Circle, places: np.ndarray, others: list[Circle]) -> Circle:
+    """A circle at the first of some places `[N, 2]` (u) that keeps `GAP` to others, borders and corner squares.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    need = circle.radius + GAP
+    fits = ((places >= need) & (places <= np.array(layout.size) - need)).all(1)
+    for other in others:
+        fits &= np.hypot(*(places - other.center).T) >= need + other.radius
+    for corner in range(4):
+        fits &= np.hypot(*(places - places.clip(*layout.corner(corner))).T) >= need
+    if not fits.any():
+        raise ConfigError(f"no room for an obstacle was found in {TRIES} places of layout {layout.name!r}.")
+    x, y = places[fits.argmax()]
+    return _changed(circle, center=(float(x), float(y)))

@@ -1,0 +1,1 @@
+"""Figures of Experiment X, twelve factors of variation."""
