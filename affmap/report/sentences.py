@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from affmap.report.drawing.colors import name_of, readable
+from affmap.report.drawing.colors import name_of, names_of, readable
 from affmap.results import provenance
 from affmap.results.claims import Score, holm
 from affmap.results.metrics import METRICS
@@ -58,8 +58,12 @@ def correction(scores: Sequence[Score]) -> str:
     return f"With Holm's correction for the {counted(count, 'claim')} with a p value, {change}."
 
 
+FEW = 6
+"""As many names on the x axis are all told, of more those at its ends."""
+
+
 def changes(results: Results, settings: ReportSettings) -> list[str]:
-    """Typical values at either end of the x axis, one sentence per metric and value shown by colour."""
+    """Typical values at the ends of the x axis, or of a few names on it, by metric and value shown by colour."""
     sentences = []
     for metric in ("validation_nll", "prediction_error", settings.outcome):
         trained = metric == "validation_nll"
@@ -72,10 +76,10 @@ def changes(results: Results, settings: ReportSettings) -> list[str]:
             centers = scores.mean() if metric == "success" else scores.median()
             if centers.isna().all():  # of an agent that predicts nothing
                 continue
-            ends = [
-                f"{number(centers[end])} {METRICS[metric].unit} at {name_of(x, end, settings)}"
-                for end in centers.index[[0, -1]]
-            ]
+            named = isinstance(results.x_values[0], str) and x == results.x and len(centers) <= FEW
+            shown = [value for value in results.x_values if value in centers] if named else centers.index[[0, -1]]
+            names = names_of(x, shown, settings)
+            ends = [f"{number(centers[end])} {METRICS[metric].unit} at {names[end]}" for end in shown]
             who = f" ({name_of(factor, value, settings)})" if table[factor.column].nunique() > 1 else ""
             kind = "Share of successful runs" if metric == "success" else f"Median {METRICS[metric].name}"
             sentences.append(f"{kind}{who}: {', '.join(dict.fromkeys(ends))}.".replace(" share at", " at"))
