@@ -130,7 +130,7 @@ def _visits(experience: Experience) -> Floats:
 def _caption(kinds: Sequence[Kind], has_fog: bool) -> str:
     offline = [kind.name for kind in kinds if not kind.experience]
     dashed = f"; dashed: {listed(offline)}, at the end of the training" if offline else ""
-    share = "were in fog" if has_fog else "touched an obstacle or a border"
+    share = "was in fog" if has_fog else "touched an obstacle or a border"
     return (
         "Agents that learn online, by the steps that they have made. A: validation loss, median and quartiles over "
         f"models{dashed}. B: share of the free cells that an agent has visited, and C: share of the steps of a round "
