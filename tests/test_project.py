@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
 HELP = subprocess.run(["make", "--silent", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-TARGETS = set(re.findall(r"^  ([a-z0-9]+) ", HELP, re.MULTILINE))
+TARGETS = set(re.findall(r"^  ([a-z0-9_]+) ", HELP, re.MULTILINE))
 DOCUMENTS = [
     "README.md",
     "CONTRIBUTING.md",
@@ -123,7 +123,7 @@ def test_the_dockerfile_installs_a_pinned_torch_first_as_make_does() -> None:
 def test_documents_name_targets_files_and_extras_that_there_are(name: str) -> None:
     """Everything in backticks that looks like one of them; files that commands make, or users would, do not count."""
     quoted = re.findall(r"`([^`\n]+)`", text(name))
-    for target in re.findall(r"\bmake ([a-z0-9]+)", " ".join(quoted)):
+    for target in re.findall(r"\bmake ([a-z0-9_]+)", " ".join(quoted)):
         assert target in TARGETS, target
     files = tracked()
     for path in quoted:
