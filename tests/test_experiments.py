@@ -35,6 +35,8 @@ CLAIMS = {
     "exp6_radii": ("VI", range(10, 20), 5 * 3),
     "exp7": ("VII", range(1, 6), 5 * 4),
     "exp7_doors": ("VII", range(6, 9), 3),
+    "exp8": ("VIII", range(1, 5), 5 * 2),
+    "exp8_fog": ("VIII", range(5, 10), 5),
     "exp10_factors": ("X", range(1, 5), 48),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""
@@ -103,12 +105,13 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 
 def test_nothing_is_computed_twice(place: Path) -> None:
     """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
-    with V's data and five, two of them with these data, VII one, its doors one, and X one with I's data."""
+    with V's data and five, two of them with these data, VII one, its doors one, VIII ten with I's
+    and IV's data, and X one with I's data."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")
     }
-    assert len(kept["data"]) == 6 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 5 + 1 + 1 + 1
+    assert len(kept["data"]) == 6 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 5 + 1 + 1 + 10 + 1
 
 
 @pytest.fixture(scope="module")

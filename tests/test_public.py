@@ -1,6 +1,7 @@
 """What a user meets first: the names of the package, and the README and pages against the files that they quote."""
 
 import inspect
+import json
 import re
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from affmap.env.procedural import Procedural, load
 from affmap.model.registry import GRUSettings
 from affmap.random import generator
 from affmap.results import leaderboard
+from affmap.results.files import read_experience
 from hydra_plugins.hyperopt_sweeper.hyperopt_sweeper import HyperoptConf
 
 ROOT = Path(__file__).parents[1]
@@ -234,6 +236,36 @@ def test_the_page_on_scores_says_what_learned_agents_reach() -> None:
         assert words.format(f"{scores(name).loc[world, 'score']:.2f}") in page("docs/scores.md"), words
     best = scores("exp6_radii_time_to_go")["score"].drop("mean")
     assert (1 - best).idxmax() == "procedural_crowded_hard" and (1 - best).max() > (1 - best).sum() / 2
+
+
+def test_readme_says_what_agents_that_learn_online_found() -> None:
+    """Effects of claims, means over runs, and medians over models after the last round."""
+    text = page("README.md")
+    claims, fog = (
+        pd.read_csv(ROOT / f"runs/reference/{name}/tables/claims.csv").set_index(["claim", "part"])["effect"]
+        for name in ("exp8", "exp8_fog")
+    )
+    gain = -claims["VIII-1", "disagreement"]
+    runs = pd.read_csv(ROOT / "runs/reference/exp8/tables/runs.csv").query("layout == 'original'")
+    own, offline = runs.groupby("learning")["mean_distance"].mean()[["disagreement", "offline"]]
+    assert f"its loss is {gain:.2f} nats lower" in text
+    assert f"its distance {own:.2f} u instead of {offline:.2f} u" in text
+    last = pd.read_csv(ROOT / "runs/reference/exp8_fog/tables/validation.csv").query("epoch == 50")
+    losses = last.groupby("learning")["validation_nll"].median()
+    assert f"disagreement spends {fog['VIII-5', 'disagreement']:.0%} of its steps".replace("%", " %") in text
+    assert f"\N{MINUS SIGN}{-losses['disagreement']:.1f} nats instead of +{losses['random']:.0f}" in text
+    assert f"leaves fog alone, {100 * fog['VIII-5', 'divergence']:.0f} %, before" in text
+    assert f"what fog does: +{losses['divergence']:.0f} nats" in text
+    configs = {
+        path.parent: json.loads(path.read_text()) for path in ROOT.glob("runs/reference/store/train/*/provenance.json")
+    }
+    (random,) = (
+        folder
+        for folder, record in configs.items()
+        if record["config"].get("learning", {}).get("kind") == "random"
+        and record["config"]["training_layouts"][0]["name"] == "fog"
+    )
+    assert f"in fog (random {100 * read_experience([random]).in_fog.mean():.0f} %)" in text
 
 
 def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> None:
@@ -659,7 +691,7 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
     assert crowded[2] == percent("exp6_radii", "given", "procedural_crowded_hard", "learner") == f"{100 * seen:.0f} %"
     verdicts = [
         verdict
-        for name in ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp10_factors")
+        for name in ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp10_factors")
         for verdict in pd.read_csv(ROOT / f"runs/reference/{name}/tables/claims.csv")
         .groupby("claim")["verdict"]
         .first()

@@ -677,8 +677,8 @@ def test_the_reference_s_models_are_found() -> None:
         8: "5a58f256b5c01453",
     }
     kept = {path.name for path in (CONF.parent / "runs/reference/store/train").iterdir()}
-    experiments = [f"exp{number}" for number in range(1, 8)]
-    experiments += ["exp3_growth", "exp6_radii", "exp7_doors", "exp10_factors"]
+    experiments = [f"exp{number}" for number in range(1, 9)]
+    experiments += ["exp3_growth", "exp6_radii", "exp7_doors", "exp8_fog", "exp10_factors"]
     assert {TRAIN.of(job).digest for name in experiments for job in jobs(name, "full")} == kept
 
 

@@ -68,7 +68,7 @@ def test_in_random_worlds_it_is_in_the_first_that_its_member_flew_in() -> None:
     assert isinstance(agent.lookup, AffordanceMap) and agent.lookup.worlds == [world.map]
 
 
-BEYOND = ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp10_factors")
+BEYOND = ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp10_factors")
 
 
 def test_everything_of_the_reference_run_can_be_flown() -> None:
@@ -84,6 +84,8 @@ def test_everything_of_the_reference_run_can_be_flown() -> None:
         "exp6_radii",
         "exp7",
         "exp7_doors",
+        "exp8",
+        "exp8_fog",
     ]
     for name in pretrained.experiments():
         origin = pretrained.origin(name)
@@ -104,6 +106,12 @@ def test_transition_models_have_the_names_by_which_the_sweep_chose_them() -> Non
         affmap.load("exp6", transition="gru")
     for name, encoder in (("mlp", "plain"), ("split_one_radius", "centered"), ("given", "channels")):
         assert affmap.load("exp6_radii", transition=name, members=(301,)).stack.vision.encoder == encoder
+    with pytest.raises(
+        ConfigError, match=r"models offline, random, deviation, disagreement, divergence; none is 'mlp'"
+    ):
+        affmap.load("exp8", transition="mlp")
+    losses = {kind: affmap.load("exp8", transition=kind).losses for kind in ("offline", "disagreement")}
+    assert losses["offline"] is not None and not losses["offline"].equals(losses["disagreement"])
     listed = r"models mlp_one_radius \(MLP \(one\)\), mlp, .*, split, given; none is 'split_channels'"
     with pytest.raises(ConfigError, match=listed):
         affmap.load("exp6_radii", transition="split_channels")
@@ -190,7 +198,7 @@ def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
         (
             {"source": "exp9"},
-            r"^exp9 does not exist, and is none of .* exp1, exp10_factors, exp2, .* exp6_radii, exp7, exp7_doors\.$",
+            r"^exp9 does not exist, and is none of .* exp1, exp10_factors, exp2, .* exp7_doors, exp8, exp8_fog\.$",
         ),
         ({"source": "./nothing"}, r"^\./nothing does not exist, and is none of"),
         ({"source": ran}, "is neither the folder of an experiment's report, nor that of a saved agent, nor one of"),
