@@ -53,8 +53,8 @@ def load(
         layout: the name of a layout, of those that the experiment flew in; by default the first. (The two conditions of
             Experiment III have different models.) A saved agent can be brought into any layout.
         transition: the transition model, such as `gru`, of those that the experiment has, or the name of how it learns
-            (`conf/learner`), or its name in the report; by default the first. (In `exp6_radii` that is
-            `mlp_one_radius`, the paper's model trained with circles of one radius.)
+            (`conf/learner`, `conf/learning`), or its name in the report; by default the first. (In `exp6_radii` that is
+            `mlp_one_radius`, the paper's model trained with circles of one radius, in `exp8` `offline`.)
         threads: of PyTorch, for the affordance map.
 
     Raises:

@@ -7,7 +7,7 @@ agent is not told: it keeps its model, and all that it knows of the vehicle. Ora
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
@@ -146,9 +146,19 @@ def _of_vehicle(key: str, label: str = "", unit: str = "") -> Factor:
     return Factor(label, unit, lambda task: float(getattr(task.vehicle, key)), vary)
 
 
-def _of_first(key: str) -> Callable[[Task], float]:
-    """The value of a key of the first obstacle; 0 without one."""
-    return lambda task: float(next((getattr(circle, key) for circle in task.layout.obstacles), 0.0))
+def _radius_of_all(task: Task) -> float:
+    """The radius that all obstacles have, u; NaN if theirs differ or there is none."""
+    return _common([circle.radius for circle in task.layout.obstacles])
+
+
+def _painted_of_all(task: Task) -> float:
+    """The radius that all obstacles are painted with, u; NaN likewise."""
+    obstacles = task.layout.obstacles
+    return _common([circle.radius if circle.painted is None else circle.painted for circle in obstacles])
+
+
+def _common(values: Sequence[float]) -> float:
+    return values[0] if len({*values}) == 1 else math.nan
 
 
 def _from_corner_to_corner(task: Task) -> float:
@@ -159,9 +169,9 @@ def _from_corner_to_corner(task: Task) -> float:
 
 FACTORS = {
     "number": Factor("number of obstacles", "", lambda task: len(task.layout.obstacles), _number, is_random=True),
-    "radius": Factor("radius of obstacles", "u", _of_first("radius"), _radius),
+    "radius": Factor("radius of obstacles", "u", _radius_of_all, _radius),
     "place": Factor("obstacles moved by", "u", lambda task: 0.0, _place, is_random=True),
-    "look": Factor("painted radius", "u", _of_first("radius"), _look),
+    "look": Factor("painted radius", "u", _painted_of_all, _look),
     "mass": _of_vehicle("mass", "mass", "kg"),
     "thrust": _of_vehicle("thrust", "thrust", "N"),
     "damping": _of_vehicle("damping", "damping", "1/s"),
@@ -190,7 +200,7 @@ class Variation(Settings):
     """Its value, in the factor's unit."""
 
     def __str__(self) -> str:
-        return f"{self.factor}/{self.value:g}"
+        return f"{self.factor}/{self.value:.12g}"
 
     @property
     def is_random(self) -> bool:

@@ -1,7 +1,8 @@
 """Explorers: agents that choose the plan from which their committees expect to learn most.
 
-A agents fly side by side, each with a committee of K models. Plans are drawn as random actions are, so that an agent
-with one plan to choose from explores at random. Knows models and look-ups, and no environment.
+A agents fly side by side, each with a committee of K models. Plans are drawn as random actions are; an agent with one
+plan to choose from explores at random, but for actions that are cut short where a plan ends. Knows models and
+look-ups, and no environment.
 """
 
 from __future__ import annotations

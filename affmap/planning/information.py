@@ -34,7 +34,9 @@ def divergence(predictions: Gaussian) -> Tensor:
 
     The Renyi entropy of their mixture minus the mean of their own, H[p] = -log of the integral of p squared. Unlike
     that of Shannon it has a closed form, because the product of two Gaussians has one as its integral (Wang et al.
-    2009; Shyam et al. 2019, arXiv 1810.12162). It is 0 where all agree, and log K where no two overlap.
+    2009; Shyam et al. 2019, arXiv 1810.12162). Where all have one deviation it is 0 if they agree, and log K if no two
+    overlap. Where deviations differ it is no more than an approximation of an information gain: this entropy is not
+    concave, so that it is below 0 if some are much more certain than others.
     """
     means, log_stds = predictions.mean.unbind(0), predictions.log_std.unbind(0)
     own = [-(log_std + 0.5 * LOG_4_PI).sum(-1) for log_std in log_stds]  # log of the integral of a square

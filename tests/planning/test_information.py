@@ -40,6 +40,18 @@ def test_the_divergence_is_0_where_all_agree_and_the_logarithm_of_their_number_w
     assert_allclose(information.divergence(apart), math.log(5), rtol=1e-12)
 
 
+def test_the_divergence_is_below_0_where_few_are_uncertain() -> None:
+    """-log of the mean of all ten overlaps of four narrow Gaussians and a wide one, by hand, in one coordinate each."""
+    narrow, wide = 0.01, 1.4
+    own = [1 / (4 * math.pi * std**2) for std in (narrow, wide)]
+    between = 1 / (2 * math.pi * (narrow**2 + wide**2))
+    mixture = -math.log((16 * own[0] + 8 * between + own[1]) / 25)
+    expected = mixture + (4 * math.log(own[0]) + math.log(own[1])) / 5
+    found = information.divergence(committee([(0.0, 0.0)] * 5, [(narrow, narrow)] * 4 + [(wide, wide)]))
+    assert_allclose(found, expected, rtol=1e-9)
+    assert expected < -1
+
+
 def test_disagreement_and_deviation_are_numpy_s() -> None:
     means, log_stds = torch.randn(2, 4, 3, 6, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     found = Gaussian(means, log_stds)

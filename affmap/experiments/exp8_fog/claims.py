@@ -70,12 +70,13 @@ CLAIMS = (
     ),
     Claim(
         "VIII-7",
-        "Agents that seek disagreement predict better than agents that explore at random for as many steps.",
+        "Agents that seek disagreement or divergence predict better than random ones after as many steps.",
         partial(_predicts, than=RANDOM),
     ),
     Claim(
         "VIII-8",
-        "They predict better than models that learned offline from 60,000 steps.",
+        "Agents that seek disagreement or divergence predict better than models that learned offline from 48,000 "
+        "steps.",
         partial(_predicts, than=OFFLINE),
     ),
     Claim(

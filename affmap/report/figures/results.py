@@ -24,11 +24,17 @@ MAX_MAPS = 6
 """Maps of one panel, in two rows from three on."""
 
 
-def draw(results: Results, settings: ReportSettings) -> Drawn:
-    """Draw and caption the figure.
+MAX_VALUES = 16
+"""Values on the x axis that a panel of half a page has room for."""
+
+
+def draw(results: Results, settings: ReportSettings) -> Drawn | None:
+    """Draw and caption the figure; None if there are too many values on the x axis.
 
     If the report has maps of the same models in several worlds, maps of new worlds replace curves and map.
     """
+    if len(results.x_values) > MAX_VALUES:
+        return None
     figure = new_figure(5.2)
     grid = figure.add_gridspec(2, 2)
     worlds = several_worlds(results)[:2]
