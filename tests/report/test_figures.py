@@ -449,7 +449,7 @@ def test_part_of_the_settings_is_enough(results: dict[str, Results]) -> None:
     part = Results(tuple(jobs))
     draws = figures.figures_of(figures.__name__)
     drawn = {name: draw(part, SETTINGS) for name, draw in draws.items()}
-    assert {name for name, each in drawn.items() if each} == draws.keys() - {"growth"}
+    assert {name for name, each in drawn.items() if each} == draws.keys() - {"growth", "learning"}
     assert "(C) Prediction error in control, 8 runs a box" in drawn["results"].caption
 
 
