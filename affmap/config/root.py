@@ -225,7 +225,7 @@ class Config(Settings):
 
     def _elsewhere(self, key: str, name: str) -> str:
         """The end of a sentence on a layout with other channels than those of the data: one that has these."""
-        for other in names("layout") if key != "training_layouts" else ():
+        for other in (self.world, *names("layout")) if key != "training_layouts" else ():
             with suppress(ValueError):  # rules for layouts, or a file with a mistake
                 if _layout(other).channels == self.channels:
                     return f", so say {'world' if name == self.world else key}={other}"
