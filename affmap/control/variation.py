@@ -114,7 +114,7 @@ def _field(task: Task, value: float, rng: np.random.Generator) -> Task:
     if not _has_fields(task):
         field = Circle(center=(0.0, 0.0), radius=reach, effect="force_up", channel=layout.border_channel, painted=0.0)
         task = task._replace(layout=layout.model_copy(update={"circles": (*layout.circles, field)}))
-    return _of_vehicle("force").vary(task, value, rng)
+    return _with_vehicle(task, "force", value)
 
 
 def _has_fields(task: Task) -> bool:
@@ -129,7 +129,7 @@ def _step(task: Task, value: float, rng: np.random.Generator) -> Task:
     """Change the duration of a step (ms), in runs that last as long as before."""
     steps = round(task.settings.num_steps * _milliseconds(task) / value) if value > 0 else 0
     varied = task._replace(settings=task.settings.model_copy(update={"num_steps": steps}))
-    return _of_vehicle("time_step_s").vary(varied, value / 1000, rng)
+    return _with_vehicle(varied, "time_step_s", value / 1000)
 
 
 def _milliseconds(task: Task) -> float:
@@ -137,13 +137,19 @@ def _milliseconds(task: Task) -> float:
     return 1000 * task.vehicle.time_step_s
 
 
-def _of_vehicle(key: str, label: str = "", unit: str = "") -> Factor:
+def _with_vehicle(task: Task, key: str, value: float) -> Task:
+    """The task with another value of a key of the vehicle."""
+    return task._replace(vehicle=task.vehicle.model_copy(update={key: value}))
+
+
+def _of_vehicle(key: str, label: str, unit: str) -> Factor:
     """The factor of a key of the vehicle."""
-
-    def vary(task: Task, value: float, rng: np.random.Generator) -> Task:
-        return task._replace(vehicle=task.vehicle.model_copy(update={key: value}))
-
-    return Factor(label, unit, lambda task: float(getattr(task.vehicle, key)), vary)
+    return Factor(
+        label,
+        unit,
+        lambda task: float(getattr(task.vehicle, key)),
+        lambda task, value, rng: _with_vehicle(task, key, value),
+    )
 
 
 def _radius_of_all(task: Task) -> float:

@@ -11,12 +11,9 @@ from affmap.results import claims, statistics
 from affmap.results.claims import Criterion
 from affmap.results.files import Floats
 from affmap.results.metrics import METRICS
-from affmap.results.setting import Setting, make_factor
+from affmap.results.setting import LEARNING, Setting
 from affmap.results.statistics import Outcome
 from affmap.results.tables import Results, score_matrix
-
-LEARNING = make_factor("learning")
-"""How models come by their experience, a file of `conf/learning`."""
 
 OFFLINE, RANDOM, SEEKING = "offline", "random", ("deviation", "disagreement", "divergence")
 """Kinds of learning."""

@@ -75,6 +75,7 @@ CONTEXT_SIZE = Factor("model.context_size", "context_size", "context size", "C")
 PLANNER = Factor("planner", "planner", "planner")
 LAYOUT = Factor("control_layout", "layout", "layout")
 SPACING = Factor("lookup.spacing", "lookup_spacing", "map spacing (u)", "spacing")
+LEARNING = Factor("learning", "learning", "learning", "learning")
 
 ALWAYS = (LAYOUT, PLANNER, CONTEXT_SIZE)
 """Factors of which every setting has a value."""

@@ -9,8 +9,9 @@ import pytest
 
 from affmap.experiments.exp8 import claims as exp8
 from affmap.experiments.exp8_fog import claims as exp8_fog
-from affmap.experiments.online import LEARNING, OFFLINE, ONLINE, RANDOM, Online
+from affmap.experiments.online import OFFLINE, ONLINE, RANDOM, Online
 from affmap.results.files import Experience
+from affmap.results.setting import LEARNING
 from affmap.results.statistics import Verdict
 
 AGENTS, COMMITTEE, RUNS = 6, 2, 20

@@ -6,8 +6,9 @@ from matplotlib.figure import Figure
 
 from affmap.report.drawing.losses import learning_curves
 from affmap.report.drawing.numbers import shrink_names
-from affmap.report.figures.learning import LEARNING, _visits
+from affmap.report.figures.learning import _visits
 from affmap.results.files import Experience
+from affmap.results.setting import LEARNING
 
 
 def test_places_are_those_of_the_first_agent_in_the_first_layout() -> None:

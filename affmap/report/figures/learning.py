@@ -14,11 +14,8 @@ from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results.files import Experience, Floats
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import listed
-from affmap.results.setting import ReportSettings, Value, make_factor
+from affmap.results.setting import LEARNING, ReportSettings, Value
 from affmap.results.tables import Results
-
-LEARNING = make_factor("learning")
-"""How models come by their experience, a file of `conf/learning`."""
 
 EARLIER = (5, 20)
 """Rounds after which the places of an agent are drawn, besides the last one."""
