@@ -22,7 +22,7 @@ from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural, is_procedural
 from affmap.env.rules import Rules
 from affmap.env.walls import Walls
-from affmap.learning.settings import OFFLINE, AnyLearning, OnlineLearning
+from affmap.learning.settings import OFFLINE, AnyLearning, OfflineLearning, SeekingLearning
 from affmap.model.registry import EffectsSettings, unit_ends
 from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
@@ -251,14 +251,14 @@ class Config(Settings):
     @model_validator(mode="after")
     def _check_learning(self) -> Self:
         learning, training = self.learning, self.training
-        if not isinstance(learning, OnlineLearning):
+        if isinstance(learning, OfflineLearning):
             return self
         if self.members % learning.committee_size(self.members):
             raise ValueError(
                 f"members = {self.members} is no multiple of learning.committee = {learning.committee}; every agent "
                 "has a committee of its own."
             )
-        if self.members == 1 and learning.kind != "random":
+        if self.members == 1 and isinstance(learning, SeekingLearning):
             raise ValueError(
                 f"members = 1 is no committee, which learning = {learning.kind!r} needs; say members=2 or more."
             )

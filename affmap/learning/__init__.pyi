@@ -1,2 +1,4 @@
 from .learners import Learners as Learners
-from .settings import OnlineLearning as OnlineLearning
+from .settings import OfflineLearning as OfflineLearning
+from .settings import RandomLearning as RandomLearning
+from .settings import SeekingLearning as SeekingLearning

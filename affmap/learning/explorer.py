@@ -17,7 +17,7 @@ from affmap.control.agent import Observation, loops_of
 from affmap.data.collect import random_actions
 from affmap.data.settings import Exploration
 from affmap.gaussian import Gaussian
-from affmap.learning.settings import OnlineLearning
+from affmap.learning.settings import SeekingLearning
 from affmap.model.lookup import Lookup
 from affmap.model.rollout import Situation, rollout
 from affmap.model.stack import Stack
@@ -27,7 +27,7 @@ from affmap.planning.information import SIGNALS, changes
 class Explorer:
     """A committees of K models in one world."""
 
-    def __init__(self, stack: Stack, lookup: Lookup, exploration: Exploration, settings: OnlineLearning) -> None:
+    def __init__(self, stack: Stack, lookup: Lookup, exploration: Exploration, settings: SeekingLearning) -> None:
         """Take a stack of A * K members (agent-major), a look-up of them, and how plans are drawn and chosen."""
         self._stack, self._lookup = stack, lookup
         self._exploration = exploration.model_copy(update={"num_steps": settings.plan_steps})

@@ -19,7 +19,7 @@ from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.learning.experience import Round, batches
 from affmap.learning.explorer import Explorer
-from affmap.learning.settings import OnlineLearning
+from affmap.learning.settings import AnyOnlineLearning, RandomLearning, SeekingLearning
 from affmap.model.lookup import AffordanceMap
 from affmap.model.stack import Stack
 from affmap.random import generator, integer
@@ -48,7 +48,7 @@ class Learners:
     vehicle: Vehicle
     exploration: Exploration
     """How random actions are drawn."""
-    settings: OnlineLearning
+    settings: AnyOnlineLearning
     training: TrainingSettings
     rounds: list[list[Round]] = field(default_factory=list, repr=False)
     """Of each agent, R so far."""
@@ -139,7 +139,11 @@ class Learners:
             env.reset(seed=integer(seed, "world of a round", number), options={"position": start})
             for env, seed, start in zip(envs, seeds, self._starts(layout, number, rngs), strict=True)
         ]
-        act = self._random(rngs) if self.settings.kind == "random" else self._informed(layout, rngs)
+        act = (
+            self._random(rngs)
+            if isinstance(self.settings, RandomLearning)
+            else self._informed(self.settings, layout, rngs)
+        )
         sensed, infos = [list(each) for each in zip(*begun, strict=True)]
         records: list[dict[str, list[Any]]] = [
             {"position": [each["position"]], "true_position": [info["position"]], "action": []}
@@ -172,14 +176,14 @@ class Learners:
         drawn = np.stack([random_actions(exploration, rng) for rng in rngs], axis=1)  # [S, A, 4]
         return lambda observation, step: drawn[step]
 
-    def _informed(self, layout: Layout, rngs: Sequence[np.random.Generator]) -> Act:
-        lookup = AffordanceMap.paint(self.stack, [layout.map], self.settings.spacing)
-        explorer = Explorer(self.stack, lookup, self.exploration, self.settings)
+    def _informed(self, settings: SeekingLearning, layout: Layout, rngs: Sequence[np.random.Generator]) -> Act:
+        lookup = AffordanceMap.paint(self.stack, [layout.map], settings.spacing)
+        explorer = Explorer(self.stack, lookup, self.exploration, settings)
         plans = np.empty(0)
 
         def act(observation: Observation, step: int) -> np.ndarray:
             nonlocal plans
-            place = step % self.settings.executed_steps
+            place = step % settings.executed_steps
             if place == 0:
                 plans = explorer.choose(observation, rngs).numpy()
             return plans[:, place]

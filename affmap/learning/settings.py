@@ -15,21 +15,36 @@ class OfflineLearning(Settings, defaults="learning/offline"):
     kind: Literal["offline"] = preset()
 
 
-class OnlineLearning(Settings, defaults="learning/disagreement"):
-    """Rounds of exploration, each followed by training on all experience so far (`conf/learning`).
+class OnlineLearning(Settings):
+    """Rounds of exploration, each followed by training on all experience so far.
 
     The M members form committees of K: a committee is one agent, which flies one vehicle, and all of its models learn
     from the same experience. An epoch of such a training is a round, so that `training.num_epochs` is their number.
     """
 
-    kind: Literal["random", "deviation", "disagreement", "divergence"] = preset()
-    """What agents seek: nothing (actions as in `data`), or a signal of `affmap.planning.information`."""
     committee: Annotated[Count, Field(ge=2)] = preset()
     """K, models of an agent, which differ in their initial weights; all members where there are fewer."""
     round_steps: Count = preset()
     """S, steps of an agent between two trainings; each round begins at rest."""
     updates: Count = preset()
     """Updates of each model after a round, on batches of chunks of all steps so far."""
+
+    def committee_size(self, num_members: int) -> int:
+        """K, for M members."""
+        return min(self.committee, num_members)
+
+
+class RandomLearning(OnlineLearning, defaults="learning/random"):
+    """Agents that seek nothing: actions are drawn as in `data` (`conf/learning/random.yaml`)."""
+
+    kind: Literal["random"] = preset()
+
+
+class SeekingLearning(OnlineLearning, defaults="learning/disagreement"):
+    """Agents that seek what they could learn from (`conf/learning/disagreement.yaml` and others)."""
+
+    kind: Literal["deviation", "disagreement", "information"] = preset()
+    """The signal of `affmap.planning.information` that a plan should promise."""
     num_plans: Count = preset()
     """N, plans that an agent chooses from; they are drawn as random actions are."""
     plan_steps: Count = preset()
@@ -50,12 +65,10 @@ class OnlineLearning(Settings, defaults="learning/disagreement"):
             )
         return self
 
-    def committee_size(self, num_members: int) -> int:
-        """K, for M members."""
-        return min(self.committee, num_members)
 
+AnyOnlineLearning = RandomLearning | SeekingLearning
 
-AnyLearning = Annotated[OfflineLearning | OnlineLearning, Field(discriminator="kind")]
+AnyLearning = Annotated[OfflineLearning | AnyOnlineLearning, Field(discriminator="kind")]
 """Settings from a file of `conf/learning`, distinguished by `kind`."""
 
 OFFLINE = OfflineLearning(kind="offline")

@@ -90,7 +90,7 @@ def train(
         training: changes of the training, such as `{"batch_size": 5}`; see `affmap.TrainingSettings`.
         learning: `disagreement`, for instance, for agents that choose their experience and learn from it at once, the
             name of a file in `conf/learning`, or its keys and values. Five members are an agent, an epoch is a round of
-            200 steps, and the data set serves validation only; see `affmap.learning.OnlineLearning`.
+            100 steps, and the data set serves validation only; see `affmap.learning.SeekingLearning`.
         lookup: changes of the agent's look-up; see `affmap.LookupSettings`.
         planner: changes of its planner, or the name of another, such as `gradient`.
         control: changes of its control, such as `{"beta": 10}`; see `affmap.ControlSettings`.

@@ -12,7 +12,7 @@ from affmap.config.root import Config
 from affmap.data.batches import DataModule
 from affmap.data.collect import DATASET, coverage
 from affmap.learning.learners import Learners
-from affmap.learning.settings import OnlineLearning
+from affmap.learning.settings import AnyOnlineLearning
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.pipeline.progress import track
@@ -23,7 +23,7 @@ from affmap.store.files import guarded_read
 from affmap.training.fit import keep, last
 
 
-def make_learners(config: Config, settings: OnlineLearning, data: Path, attempt: Attempt) -> None:
+def make_learners(config: Config, settings: AnyOnlineLearning, data: Path, attempt: Attempt) -> None:
     """Let agents learn online; write weights, losses and where they were.
 
     Losses are those of the validation sequences of the data set in the folder `data`, as in a training on its others.

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from affmap.config.root import Config
 from affmap.data.collect import DATASET
-from affmap.learning.settings import OnlineLearning
+from affmap.learning.settings import OfflineLearning
 from affmap.model.stack import Stack
 from affmap.model.weights import WEIGHTS, restore
 from affmap.pipeline.learn import make_learners
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 def make_models(config: Config, data: Path, attempt: Attempt) -> None:
     """Train; write weights and losses."""
-    if isinstance(config.learning, OnlineLearning):
-        make_learners(config, config.learning, data, attempt)
-    else:
+    if isinstance(config.learning, OfflineLearning):
         _fit(config, data, attempt)
+    else:
+        make_learners(config, config.learning, data, attempt)
 
 
 def _fit(config: Config, data: Path, attempt: Attempt) -> None:

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import combinations
 
 import torch
 from torch import Tensor
 
 from affmap.gaussian import Gaussian
 
-LOG_4_PI = math.log(4 * math.pi)
+LOG_2 = math.log(2)
 
 
 def deviation(predictions: Gaussian) -> Tensor:
@@ -29,26 +28,20 @@ def disagreement(predictions: Gaussian) -> Tensor:
     return predictions.mean.std(0, unbiased=False).mean(-1)
 
 
-def divergence(predictions: Gaussian) -> Tensor:
-    """Jensen-Renyi divergence of order 2 of K Gaussians `[K, ..., D]`: `[...]`, nats.
+def information(predictions: Gaussian) -> Tensor:
+    """Information about which of K models `[K, ..., D]` is true that an observation would give: `[...]`, nats.
 
-    The Renyi entropy of their mixture minus the mean of their own, H[p] = -log of the integral of p squared. Unlike
-    that of Shannon it has a closed form, because the product of two Gaussians has one as its integral (Wang et al.
-    2009; Shyam et al. 2019, arXiv 1810.12162). Where all have one deviation it is 0 if they agree, and log K if no two
-    overlap. Where deviations differ it is no more than an approximation of an information gain: this entropy is not
-    concave, so that it is below 0 if some are much more certain than others.
+    A lower bound of the Jensen-Shannon divergence, which has no closed form for Gaussians: -log of a model's mean
+    overlap exp(-d) with all K, mean over models, where d is the distance of Bhattacharyya (Kolchinsky and Tracey 2017,
+    arXiv 1706.02419). It is 0 if and only if all agree, and log K if no two overlap, whatever their deviations are.
     """
-    means, log_stds = predictions.mean.unbind(0), predictions.log_std.unbind(0)
-    own = [-(log_std + 0.5 * LOG_4_PI).sum(-1) for log_std in log_stds]  # log of the integral of a square
-    both = [_log_overlap(means[i], log_stds[i], means[j], log_stds[j]) for i, j in combinations(range(len(own)), 2)]
-    mixture = torch.logsumexp(torch.stack([*own, *(each + math.log(2) for each in both)]), 0) - 2 * math.log(len(own))
-    return torch.stack(own).mean(0) - mixture
-
-
-def _log_overlap(mean: Tensor, log_std: Tensor, other_mean: Tensor, other_log_std: Tensor) -> Tensor:
-    """Logarithm of the integral of the product of two Gaussians `[..., D]`: `[...]`."""
-    variance = (2 * log_std).exp() + (2 * other_log_std).exp()
-    return -0.5 * ((mean - other_mean).square() / variance + (2 * math.pi * variance).log()).sum(-1)
+    mean, log_std = (part.unsqueeze(0) for part in predictions)
+    other_mean, other_log_std = (part.unsqueeze(1) for part in predictions)
+    log_variance = torch.logaddexp(2 * log_std, 2 * other_log_std) - LOG_2  # of both, mean
+    distance = (
+        (mean - other_mean).square() / log_variance.exp() / 8 + (log_variance - log_std - other_log_std) / 2
+    ).sum(-1)
+    return math.log(len(distance)) - torch.logsumexp(-distance, 0).mean(0)
 
 
 def changes(path: Gaussian, start: Tensor, resolution: float) -> Gaussian:
@@ -72,6 +65,6 @@ def changes(path: Gaussian, start: Tensor, resolution: float) -> Gaussian:
 SIGNALS: dict[str, Callable[[Gaussian], Tensor]] = {
     "deviation": deviation,
     "disagreement": disagreement,
-    "divergence": divergence,
+    "information": information,
 }
 """Name of a signal -> what it is computed with."""

@@ -137,8 +137,10 @@ def sentence(item: ErrorDetails, values: Any, known: Keys) -> str:
     if item["type"] == "missing":
         return f"{key} is missing; add the key."
     if item["type"] == "extra_forbidden":
-        remedy = _remedy(item["loc"], key, known(_holder(item["loc"], values), str(item["loc"][-1])))
-        return f"{key} = {value} is not a known key; {remedy}"
+        holder = _holder(item["loc"], values)
+        of = f" of kind = {format_value(holder['kind'])}" if "kind" in holder else ""
+        remedy = _remedy(item["loc"], key, known(holder, str(item["loc"][-1])))
+        return f"{key} = {value} is not a known key{of}; {remedy}"
     if item["type"] == "invalid_key" or (item["loc"][-1:] == ("[key]",) and not isinstance(item["input"], str)):
         return f"{key}: the key is not text; put quotes around it, or remove it."
     if item["type"] == "union_tag_not_found":

@@ -11,18 +11,18 @@ from affmap.data.settings import Exploration
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian
 from affmap.learning.explorer import Explorer
-from affmap.learning.settings import OnlineLearning
+from affmap.learning.settings import SeekingLearning
 from affmap.model.lookup import AffordanceMap
 from affmap.model.rollout import Situation, rollout
 from affmap.model.settings import ModelSettings
 from affmap.model.stack import Stack
-from affmap.planning.information import divergence
+from affmap.planning.information import information
 
 EXPLORATION = Exploration.load("data", "default")
 
 
 def explorer(world: Layout, seeds: range, kind: str = "disagreement", num_plans: int = 6) -> Explorer:
-    settings = OnlineLearning.load("learning", kind, committee=3, num_plans=num_plans, plan_steps=5, executed_steps=5)
+    settings = SeekingLearning.load("learning", kind, committee=3, num_plans=num_plans, plan_steps=5, executed_steps=5)
     stack = Stack(ModelSettings.load("model", "default", context_size=3), 1, seeds)
     return Explorer(stack, AffordanceMap.paint(stack, [world.map], 0.1), EXPLORATION, settings)
 
@@ -35,9 +35,9 @@ def observation(num_agents: int) -> Observation:
 
 
 @pytest.mark.usefixtures("loops")
-def test_the_news_of_a_plan_is_the_mean_divergence_of_its_imagined_steps(world: Layout) -> None:
-    """Each model's rollout by itself, and the divergence of its changes of position, whose variances do not add up."""
-    chooser = explorer(world, range(6), "divergence")
+def test_the_news_of_a_plan_is_the_mean_information_of_its_imagined_steps(world: Layout) -> None:
+    """Each model's rollout by itself, and the information of its changes of position, whose variances do not add up."""
+    chooser = explorer(world, range(6), "information")
     seen, plans = observation(2), torch.rand(2, 4, 5, 4, generator=torch.Generator().manual_seed(0))
     for agent in range(2):
         changes = []
@@ -52,7 +52,7 @@ def test_the_news_of_a_plan_is_the_mean_divergence_of_its_imagined_steps(world: 
             variance = torch.cat([torch.zeros(1, 4, 1, 2), (2 * path.log_std).exp()], dim=-2).diff(dim=-2)
             changes.append(Gaussian(path.mean - before, 0.5 * (variance + 0.01**2).log()))
         committee = Gaussian(*(torch.stack(parts) for parts in zip(*changes, strict=True)))
-        expected = divergence(committee).mean(-1)[0]
+        expected = information(committee).mean(-1)[0]
         torch.testing.assert_close(chooser.news(seen, plans)[agent], expected, rtol=1e-3, atol=1e-5)
 
 

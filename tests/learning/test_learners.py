@@ -12,7 +12,7 @@ from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.learning.learners import Learners
-from affmap.learning.settings import OnlineLearning
+from affmap.learning.settings import AnyOnlineLearning, RandomLearning, SeekingLearning
 from affmap.model.registry import GRUSettings
 from affmap.model.settings import ModelSettings
 from affmap.model.stack import Stack
@@ -24,8 +24,13 @@ VEHICLE, EXPLORATION = Vehicle.load("vehicle", "default"), Exploration.load("dat
 
 def learners(layouts: list[Layout], seeds: range, kind: str = "disagreement", **model: Any) -> Learners:
     """Agents of two models each, whose rounds have 20 steps."""
-    small: dict[str, Any] = {"round_steps": 20, "updates": 3, "num_plans": 4, "plan_steps": 6, "executed_steps": 4}
-    settings = OnlineLearning.load("learning", kind, committee=2, spacing=0.2, **small)
+    rounds: dict[str, Any] = {"committee": 2, "round_steps": 20, "updates": 3}
+    plans: dict[str, Any] = {"num_plans": 4, "plan_steps": 6, "executed_steps": 4, "spacing": 0.2}
+    settings: AnyOnlineLearning
+    if kind == "random":
+        settings = RandomLearning.load("learning", kind, **rounds)
+    else:
+        settings = SeekingLearning.load("learning", kind, **rounds, **plans)
     training = TrainingSettings.load("training", "default", chunk_length=10, batch_size=3, num_epochs=4)
     stack = Stack(ModelSettings.load("model", "default", context_size=3, **model), 1, seeds)
     return Learners(stack, layouts, VEHICLE, EXPLORATION, settings, training)
@@ -55,7 +60,7 @@ def test_an_agent_learns_as_it_would_alone(world: Layout, model: dict[str, Any])
             assert all(np.array_equal(one, two) for one, two in zip(own, other, strict=True))
 
 
-@pytest.mark.parametrize("kind", ["random", "deviation", "disagreement", "divergence"])
+@pytest.mark.parametrize("kind", ["random", "deviation", "disagreement", "information"])
 def test_agents_go_on_from_a_checkpoint_as_if_nothing_had_happened(world: Layout, kind: str) -> None:
     """Three rounds without interruption; the checkpoint is read without unpickling."""
     undisturbed, stopped = (learners([world], range(4), kind) for _ in range(2))

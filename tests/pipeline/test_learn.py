@@ -13,7 +13,7 @@ from affmap.data.batches import read
 from affmap.data.collect import DATASET, coverage
 from affmap.gaussian import nll
 from affmap.learning.learners import Learners
-from affmap.learning.settings import OnlineLearning
+from affmap.learning.settings import SeekingLearning
 from affmap.pipeline.execution import models
 from affmap.pipeline.train import trained, untrained
 from affmap.results.files import read_experience, read_validation
@@ -73,7 +73,7 @@ def test_places_are_counted_by_agent_round_and_layout(tmp_path: Path, layouts: l
     """`coverage` of the true positions of agents that are let learn here, with the same seeds."""
     own = config(tmp_path, f"training_layouts=[{','.join(layouts)}]")
     experience = read_experience([models(own, ())[1]])
-    assert isinstance(own.learning, OnlineLearning)
+    assert isinstance(own.learning, SeekingLearning)
     learners = Learners(untrained(own), own.training_layouts, own.vehicle, own.data, own.learning, own.training)
     for _ in range(3):
         learners.round()

@@ -1,4 +1,4 @@
-"""Information gain: against integrals on a grid, NumPy's deviations, and limits that have closed forms."""
+"""Information: against integrals on a grid, NumPy's deviations, and limits that have closed forms."""
 
 import math
 
@@ -15,8 +15,8 @@ def committee(means: list[tuple[float, float]], stds: list[tuple[float, float]])
     return Gaussian(torch.tensor(means, dtype=torch.float64), torch.tensor(stds, dtype=torch.float64).log())
 
 
-def test_the_divergence_is_that_of_integrals_on_a_grid() -> None:
-    """-log of the integral of the squared density, of the mixture and of each member, by sums over 800 x 800 points."""
+def test_the_information_is_a_bound_of_the_divergence_of_jensen_and_shannon_on_a_grid() -> None:
+    """Overlaps, integrals of the square root of two densities, and entropies by sums over 800 x 800 points."""
     means, stds = [(0.0, 0.1), (0.5, -0.2), (-0.3, 0.4)], [(0.3, 0.5), (0.2, 0.6), (0.7, 0.25)]
     axis = np.linspace(-6, 6, 801)
     x, y = np.meshgrid(axis, axis, indexing="ij")
@@ -25,31 +25,33 @@ def test_the_divergence_is_that_of_integrals_on_a_grid() -> None:
         for (mx, my), (sx, sy) in zip(means, stds, strict=True)
     ]
 
+    def integral(density: np.ndarray) -> float:
+        return density.sum() * (axis[1] - axis[0]) ** 2
+
     def entropy(density: np.ndarray) -> float:
-        return -math.log((density**2).sum() * (axis[1] - axis[0]) ** 2)
+        return -integral(density * np.log(density + 1e-300))
 
-    expected = entropy(np.mean(densities, axis=0)) - np.mean([entropy(each) for each in densities])
-    assert_allclose(information.divergence(committee(means, stds)), expected, rtol=1e-6)
+    overlaps = [[integral(np.sqrt(one * other)) for other in densities] for one in densities]
+    found = float(information.information(committee(means, stds)))
+    assert_allclose(found, -np.log(np.mean(overlaps, axis=1)).mean(), rtol=1e-6)
+    assert 0 < found < entropy(np.mean(densities, axis=0)) - np.mean([entropy(each) for each in densities])
 
 
-def test_the_divergence_is_0_where_all_agree_and_the_logarithm_of_their_number_where_none_do() -> None:
+def test_the_information_is_0_where_all_agree_and_the_logarithm_of_their_number_where_none_do() -> None:
     """Limits; however large the deviation is, those who agree about it have nothing to learn."""
     same = committee([(0.3, 0.2)] * 5, [(1.4, 1.4)] * 5)
     apart = committee([(100.0 * k, 0.0) for k in range(5)], [(0.5, 0.5)] * 5)
-    assert_allclose(information.divergence(same), 0, atol=1e-12)
-    assert_allclose(information.divergence(apart), math.log(5), rtol=1e-12)
+    assert_allclose(information.information(same), 0, atol=1e-12)
+    assert_allclose(information.information(apart), math.log(5), rtol=1e-12)
 
 
-def test_the_divergence_is_below_0_where_few_are_uncertain() -> None:
-    """-log of the mean of all ten overlaps of four narrow Gaussians and a wide one, by hand, in one coordinate each."""
+def test_there_is_information_where_one_model_is_uncertain() -> None:
+    """Four narrow Gaussians and a wide one, whose overlap in two coordinates is 2 s t / (s**2 + t**2), by hand."""
     narrow, wide = 0.01, 1.4
-    own = [1 / (4 * math.pi * std**2) for std in (narrow, wide)]
-    between = 1 / (2 * math.pi * (narrow**2 + wide**2))
-    mixture = -math.log((16 * own[0] + 8 * between + own[1]) / 25)
-    expected = mixture + (4 * math.log(own[0]) + math.log(own[1])) / 5
-    found = information.divergence(committee([(0.0, 0.0)] * 5, [(narrow, narrow)] * 4 + [(wide, wide)]))
+    overlap = 2 * narrow * wide / (narrow**2 + wide**2)
+    expected = -(4 * math.log((4 + overlap) / 5) + math.log((1 + 4 * overlap) / 5)) / 5
+    found = information.information(committee([(0.0, 0.0)] * 5, [(narrow, narrow)] * 4 + [(wide, wide)]))
     assert_allclose(found, expected, rtol=1e-9)
-    assert expected < -1
 
 
 def test_disagreement_and_deviation_are_numpy_s() -> None:

@@ -46,7 +46,7 @@ def test_a_single_outlier_does_not_flatten_the_curves() -> None:
 def test_long_names_are_written_smaller() -> None:
     """Sizes of the labels."""
     sizes = []
-    for names in (["offline", "random"], ["offline", "random", "deviation", "disagreement", "divergence"]):
+    for names in (["offline", "random"], ["offline", "random", "deviation", "disagreement", "information"]):
         ax = Figure().subplots()
         ax.set_xticks(range(len(names)), names)
         shrink_names(ax, names)

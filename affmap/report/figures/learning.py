@@ -1,5 +1,6 @@
 """Agents that learn online: what they predict and where they have been, by the steps that they have made."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,8 +18,8 @@ from affmap.results.numbers import listed
 from affmap.results.setting import LEARNING, ReportSettings, Value
 from affmap.results.tables import Results
 
-EARLIER = (5, 20)
-"""Rounds after which the places of an agent are drawn, besides the last one."""
+EARLIER = (0.1, 0.4)
+"""Shares of the rounds after which the places of an agent are drawn, besides all of them."""
 
 LINEAR = 10.0
 """Losses (nats) beyond which the axis is logarithmic."""
@@ -45,7 +46,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     if not online:
         return None
     last = min(len(kind.losses) for kind in online)
-    rounds = [*(number for number in EARLIER if number < last), last]
+    rounds = sorted({math.ceil(share * last) for share in (*EARLIER, 1)})
     figure = new_figure(3.0 + 1.2 * len(rounds))
     above, below = figure.subfigures(2, 1, height_ratios=(2.4, 0.6 + 1.2 * len(rounds)), squeeze=False)[:, 0]
     losses, coverage, share = above.subplots(1, 3)
