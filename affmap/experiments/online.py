@@ -1,24 +1,25 @@
 """Scores of agents that learn online, a committee of models each, for the claims of Experiment VIII."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
 
 from affmap.results import claims, statistics
-from affmap.results.claims import Criterion
+from affmap.results.claims import Claim, Criterion
 from affmap.results.files import Floats
 from affmap.results.metrics import METRICS
 from affmap.results.setting import LEARNING, Setting
 from affmap.results.statistics import Outcome
 from affmap.results.tables import Results, score_matrix
 
-OFFLINE, RANDOM, SEEKING = "offline", "random", ("deviation", "disagreement", "divergence")
+OFFLINE, RANDOM, DEVIATION, DISAGREEMENT, INFORMATION = "offline", "random", "deviation", "disagreement", "information"
 """Kinds of learning."""
 
-ONLINE = (RANDOM, *SEEKING)
+NATS = 0.1
+"""A difference of losses that would not matter."""
 
 Test = Callable[[Floats, Floats], Outcome]
 """A test of two scores `[A]`."""
@@ -65,33 +66,27 @@ class Online:
         """The first setting of a kind of learning."""
         return next(iter(self.results.where({LEARNING.key: kind})), None)
 
-    def compared(
-        self, kinds: Sequence[str], than: str, unit: str, score: Callable[[str], Floats], test: Test, says: str
-    ) -> list[Criterion]:
-        """Test the scores of each of some kinds beside those of another.
+    def compared(self, kind: str, than: str, unit: str, score: Callable[[str], Floats], test: Test) -> list[Criterion]:
+        """Test the scores of a kind beside those of another.
 
         Args:
-            kinds: kinds of learning.
+            kind: kind of learning.
             than: the other kind.
             unit: of the scores.
             score: scores `[A]` of a kind.
             test: the test, of both scores.
-            says: the statement of a part, after its kind.
         """
-        criteria = []
-        for kind in kinds:
-            first, second = score(kind), score(than)
-            if len(first) == len(second) > 0:
-                outcome = claims.with_note(test(first, second), [self.note])
-            else:
-                outcome = statistics.undecided(claims.SIGNED_RANK, 0, f"needs agents of {kind} and of {than}")
-            criteria.append(Criterion(kind, f"{kind} minus {than}", unit, outcome, f"{kind.capitalize()}: {says}"))
-        return criteria
+        first, second = score(kind), score(than)
+        if len(first) == len(second) > 0:
+            outcome = claims.with_note(test(first, second), [self.note])
+        else:
+            outcome = statistics.undecided(claims.SIGNED_RANK, 0, f"needs agents of {kind} and of {than}")
+        return [Criterion("", f"{kind} minus {than}", unit, outcome)]
 
-    def level(self, kind: str, unit: str, scores: Floats, test: Callable[[Floats], Outcome], says: str) -> Criterion:
+    def level(self, kind: str, unit: str, scores: Floats, test: Callable[[Floats], Outcome]) -> list[Criterion]:
         """Test the level of the scores `[A]` of a kind."""
         outcome = claims.with_note(test(scores), [self.note if len(scores) else f"needs agents of {kind}"])
-        return Criterion(kind, "share", unit, outcome, says)
+        return [Criterion("", "share", unit, outcome)]
 
     @property
     def note(self) -> str:
@@ -105,11 +100,36 @@ class Online:
         return np.asarray(center(values.reshape(-1, self.committee), axis=1)) if whole else np.empty(0)
 
 
+def claim(number: int, kind: str, says: str, test: Callable[..., list[Criterion]]) -> Claim:
+    """The claim that this can be said of agents of a kind, by a test of `Results` and the kind."""
+    return Claim(f"VIII-{number}", f"{kind.capitalize()}: {says}", partial(test, kind=kind))
+
+
 def not_higher(margin: float) -> Test:
     """The test that first scores are at most `margin` above second ones, by the interval of their differences."""
     return lambda first, second: statistics.below(first - second, margin)
 
 
-def lower(first: Floats, second: Floats) -> Outcome:
-    """Test that first losses are lower than second ones."""
-    return statistics.paired(first, second, "lower", METRICS["validation_nll"].statistic)
+def as_offline(results: Results, kind: str) -> list[Criterion]:
+    """Test that the loss of a kind is at most `NATS` higher than that of the offline models."""
+    online = Online(results)
+    return online.compared(kind, OFFLINE, METRICS["validation_nll"].unit, online.losses, not_higher(NATS))
+
+
+def beats_random(results: Results, kind: str) -> list[Criterion]:
+    """Test that the loss of a kind is lower than that of agents that explore at random."""
+    online, metric = Online(results), METRICS["validation_nll"]
+    test = partial(statistics.paired, order="lower", statistic=metric.statistic)
+    return online.compared(kind, RANDOM, metric.unit, online.losses, test)
+
+
+def as_good_after(steps: int) -> str:
+    """What `as_offline` tests of agents that have made so many steps."""
+    return (
+        f"after {steps:,} steps agents predict as well as models that learned offline from 48,000 with as many "
+        f"updates; their loss is at most {NATS:g} nats higher."
+    )
+
+
+BETTER = "agents predict better than those that explored at random for as many steps."
+"""What `beats_random` tests."""

@@ -107,7 +107,7 @@ def test_transition_models_have_the_names_by_which_the_sweep_chose_them() -> Non
     for name, encoder in (("mlp", "plain"), ("split_one_radius", "centered"), ("given", "channels")):
         assert affmap.load("exp6_radii", transition=name, members=(301,)).stack.vision.encoder == encoder
     with pytest.raises(
-        ConfigError, match=r"models offline, random, deviation, disagreement, divergence; none is 'mlp'"
+        ConfigError, match=r"models offline, random, deviation, disagreement, information; none is 'mlp'"
     ):
         affmap.load("exp8", transition="mlp")
     losses = {kind: affmap.load("exp8", transition=kind).losses for kind in ("offline", "disagreement")}

@@ -2,86 +2,63 @@
 
 from functools import partial
 
-from affmap.experiments.online import OFFLINE, ONLINE, RANDOM, Online, lower
+from affmap.experiments.online import (
+    BETTER,
+    DEVIATION,
+    DISAGREEMENT,
+    INFORMATION,
+    RANDOM,
+    Online,
+    as_good_after,
+    as_offline,
+    beats_random,
+    claim,
+)
 from affmap.results import statistics
-from affmap.results.claims import Claim, Criterion
+from affmap.results.claims import Criterion
 from affmap.results.metrics import METRICS
 from affmap.results.tables import Results
 
 WORLD = "fog"
 """The layout of experience and control."""
 
-FEW, MOST, SUCCEEDS = 0.1, 0.5, 0.95
-"""Shares of steps in fog, and of successful runs."""
+FEW, TIMES, SUCCEEDS = 0.1, 2, 0.95
+"""Share of steps in fog, a multiple of that of random flights, share of successful runs."""
 
-NOT_FOOLED, FOOLED = ("disagreement", "divergence"), "deviation"
+UNIT = "share of steps"
 
 
-def _avoids(results: Results) -> list[Criterion]:
+def _avoids(results: Results, kind: str) -> list[Criterion]:
     online = Online(results)
-    return [
-        online.level(
-            kind,
-            "share of steps",
-            online.in_fog(kind),
-            partial(statistics.below, level=FEW),
-            f"{kind.capitalize()}: less than {FEW:.0%} of the steps.",
-        )
-        for kind in NOT_FOOLED
-    ]
+    return online.level(kind, UNIT, online.in_fog(kind), partial(statistics.below, level=FEW))
 
 
-def _fooled(results: Results) -> list[Criterion]:
+def _fooled(results: Results, kind: str) -> list[Criterion]:
     online = Online(results)
-    test = partial(statistics.at_least, level=MOST)
-    return [online.level(FOOLED, "share of steps", online.in_fog(FOOLED), test, "")._replace(name="")]
+    test = partial(statistics.at_least, level=0)
+    found = online.compared(kind, RANDOM, UNIT, online.in_fog, lambda own, other: test(own - TIMES * other))
+    return [each._replace(effect_of=f"{kind} minus {TIMES} times {RANDOM}") for each in found]
 
 
-def _predicts(results: Results, than: str) -> list[Criterion]:
-    online = Online(results)
-    return online.compared(NOT_FOOLED, than, METRICS["validation_nll"].unit, online.losses, lower, "the loss is lower.")
-
-
-def _succeeds(results: Results) -> list[Criterion]:
+def _succeeds(results: Results, kind: str) -> list[Criterion]:
     online, metric = Online(results), METRICS["success"]
-    return [
-        online.level(
-            kind,
-            metric.unit,
-            online.scores(kind, "success", WORLD),
-            partial(statistics.at_least, level=SUCCEEDS),
-            f"{kind.capitalize()}: at least {SUCCEEDS:g} of the runs succeed.",
-        )
-        for kind in ONLINE
-    ]
+    scores = online.scores(kind, "success", WORLD)
+    return online.level(kind, metric.unit, scores, partial(statistics.at_least, level=SUCCEEDS))
 
+
+LEAVES = f"where models differ is not where fog is; agents spend less than {FEW:.0%} of their steps in fog."
+DRAWN = f"agents are drawn to noise; they are in fog at least {TIMES} times as often as agents that explore at random."
+SAFE = f"after 10,000 steps at least {SUCCEEDS:g} of their runs avoid fog and reach the goal."
+AS_GOOD = as_good_after(10_000)
 
 CLAIMS = (
-    Claim(
-        "VIII-5",
-        f"Where models disagree is not where fog is: agents that seek it spend less than {FEW:.0%} of their steps in "
-        "fog.",
-        _avoids,
-    ),
-    Claim(
-        "VIII-6",
-        f"Agents that seek large deviations are fooled: they spend more than {MOST:.0%} of their steps in fog.",
-        _fooled,
-    ),
-    Claim(
-        "VIII-7",
-        "Agents that seek disagreement or divergence predict better than random ones after as many steps.",
-        partial(_predicts, than=RANDOM),
-    ),
-    Claim(
-        "VIII-8",
-        "Agents that seek disagreement or divergence predict better than models that learned offline from 48,000 "
-        "steps.",
-        partial(_predicts, than=OFFLINE),
-    ),
-    Claim(
-        "VIII-9",
-        f"After 10,000 steps at least {SUCCEEDS:g} of the runs of all agents avoid fog and reach the goal.",
-        _succeeds,
-    ),
+    claim(19, DISAGREEMENT, LEAVES, _avoids),
+    claim(20, INFORMATION, LEAVES, _avoids),
+    claim(21, DEVIATION, DRAWN, _fooled),
+    claim(22, DISAGREEMENT, BETTER, beats_random),
+    claim(23, INFORMATION, BETTER, beats_random),
+    claim(24, DISAGREEMENT, AS_GOOD, as_offline),
+    claim(25, INFORMATION, AS_GOOD, as_offline),
+    claim(26, DISAGREEMENT, SAFE, _succeeds),
+    claim(27, INFORMATION, SAFE, _succeeds),
 )

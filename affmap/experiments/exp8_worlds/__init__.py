@@ -1,0 +1,1 @@
+"""Experiment VIII in the four worlds of Experiment V."""
