@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from affmap.config.sweep import Sweep
-from affmap.experiments import ROOMS, claims_about
-from affmap.settings import folder, read
+from affmap.experiments import ROOMS, claims_about, is_of_paper
+from affmap.settings import folder
 
 TINY = [
     "scale=smoke",
@@ -24,7 +24,7 @@ TINY = [
 ]
 COARSE = "lookup.spacing=0.25"
 SIZES, SIZE = "model.context_size=0,1", "model.context_size=8"  # a block for each channel
-PAPER = [name for name in ROOMS if "paper_figures" in read("experiment", name)["report"]]
+PAPER = [name for name in ROOMS if is_of_paper(name)]
 CLAIMS = {
     "exp1": ("I", range(1, 9), 2 * 2),
     "exp2": ("II", range(1, 4), 3 * 2),
@@ -35,8 +35,9 @@ CLAIMS = {
     "exp6_radii": ("VI", range(10, 20), 5 * 3),
     "exp7": ("VII", range(1, 6), 5 * 4),
     "exp7_doors": ("VII", range(6, 9), 3),
-    "exp8": ("VIII", range(1, 5), 5 * 2),
-    "exp8_fog": ("VIII", range(5, 10), 5),
+    "exp8": ("VIII", range(10, 19), 5 * 2),
+    "exp8_fog": ("VIII", range(19, 28), 5),
+    "exp8_worlds": ("VIII", range(28, 35), 4 * 2),
     "exp10_factors": ("X", range(1, 5), 48),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""

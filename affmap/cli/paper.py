@@ -8,7 +8,7 @@ from affmap.cli.publish import check_publishable, keep_report
 from affmap.config.overrides import replace_experiment
 from affmap.config.sweep import Sweep
 from affmap.pipeline.completed import completed
-from affmap.settings import ConfigError, read
+from affmap.settings import ConfigError
 from affmap.store.provenance import without_paths
 
 ABOUT = """\
@@ -41,13 +41,13 @@ def main() -> None:
 
 
 def _paper(paper: Sweep, beyond: bool, publish: bool) -> None:
-    from affmap.experiments import ROOMS, open_room  # reports take seconds to import
+    from affmap.experiments import ROOMS, is_of_paper, open_room  # reports take seconds to import
     from affmap.experiments.paper.report import Chapter, PaperReport, Volume
     from affmap.report import build
 
     chapters = []
     for experiment in ROOMS:
-        if beyond == ("paper_figures" in read("experiment", experiment)["report"]):
+        if beyond == is_of_paper(experiment):
             continue  # before its sweep is read: what was asked for may not fit it
         jobs = read_sweep(replace_experiment(paper.overrides, experiment, ("output",)))
         first = jobs.first

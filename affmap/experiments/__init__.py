@@ -17,8 +17,9 @@ from pathlib import Path
 from affmap.report.experiment import PARTS, Room
 from affmap.results.claims import Claim
 from affmap.settings import ConfigError
+from affmap.settings.base import read
 
-__all__ = ["ROOMS", "by_number", "claims_about", "open_room"]
+__all__ = ["ROOMS", "by_number", "claims_about", "is_of_paper", "open_room"]
 
 _HERE = Path(__file__).parent
 
@@ -30,6 +31,11 @@ def by_number(name: str) -> tuple[int, str]:
 
 ROOMS = tuple(sorted((path.parent.name for path in _HERE.glob("*/claims.py")), key=by_number))
 """The rooms that have claims."""
+
+
+def is_of_paper(experiment: str) -> bool:
+    """Whether an experiment is one of the paper's, whose figures its report names."""
+    return "paper_figures" in read("experiment", experiment)["report"]
 
 
 def claims_about(experiment: str | None) -> tuple[Claim, ...]:
