@@ -46,7 +46,7 @@ def _succeeds(results: Results, kind: str) -> list[Criterion]:
     return online.level(kind, metric.unit, scores, partial(statistics.at_least, level=SUCCEEDS))
 
 
-LEAVES = f"where models differ is not where fog is; agents spend less than {FEW:.0%} of their steps in fog."
+LEAVES = f"where models differ is not where fog is; agents spend less than {100 * FEW:.0f} % of their steps in fog."
 DRAWN = f"agents are drawn to noise; they are in fog at least {TIMES} times as often as agents that explore at random."
 SAFE = f"after 10,000 steps at least {SUCCEEDS:g} of their runs avoid fog and reach the goal."
 AS_GOOD = as_good_after(10_000)

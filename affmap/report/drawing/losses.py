@@ -161,15 +161,17 @@ def step_losses(
         parts = [(of_kind[of_group == name], groups.palette[name]) for name in groups.names.values()]
     width = min(0.24, 0.8 / (2 * len(parts)))
     points = [(rows, color, column) for rows, color in parts for column in STEP_MARKERS]
+    top = 0.0
     for place, (rows, color, column) in enumerate(points):
         summary = rows.groupby(factor.column)[column].describe().reindex(values)
         low, middle, high = (summary[quartile].to_numpy() for quartile in ("25%", "50%", "75%"))
         x = np.arange(len(values)) + width * (place - (len(points) - 1) / 2)
+        top = max(top, *high[np.isfinite(high)])
         ax.vlines(x, low, high, color=color, lw=0.9)
         ax.plot(x, middle, ls="", color=color, **_marker(column, color))
     name_places(ax, values, names)
     ax.set(xlabel=factor.label, xlim=(-0.6, len(values) - 0.4))
-    if of_kind["mean"].max() > HUGE:
+    if top > HUGE:
         ax.set_yscale("symlog", linthresh=LINEAR)
         ax.margins(y=0.1)
         if of_kind[["median", "mean"]].to_numpy(float).min() >= 0:

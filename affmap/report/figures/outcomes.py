@@ -33,8 +33,10 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
         numbers.titled(numbers.boxes(ax, results.runs, metric, groups), numbers.panel_title(letter, metric))
     for ax in others[len(more) :]:
         ax.set_axis_off()
+    fit = numbers.turn_names if more else numbers.shrink_names  # in panels of a third of a page, or of half a page
     for ax in (share, touching, *others[: len(more)]):
-        numbers.turn_names(ax, groups.x_names.values())
+        fit(ax, groups.x_names.values())
+        ax.set_ylabel(textwrap.fill(ax.get_ylabel(), 30))
     panels = {"reached": share, "steps_touching": touching, **dict(zip(more, others, strict=False))}
     numbers.baseline_lines(figure, panels, results.baseline_runs, groups)
     return Drawn(figure, _caption(results, settings))

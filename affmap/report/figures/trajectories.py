@@ -1,5 +1,6 @@
 """Moments of runs at either end of the x axis, such as the smallest and the largest context size, or three models."""
 
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +15,9 @@ from affmap.results import examples, failures
 from affmap.results.numbers import counted, number
 from affmap.results.setting import LAYOUT, PLANNER, PLANNERS, ReportSettings, Value
 from affmap.results.tables import Results
+
+LETTERS = 90
+"""Of titles side by side, as many as the page is wide."""
 
 
 def draw(results: Results, settings: ReportSettings) -> Drawn:
@@ -36,7 +40,9 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
             where = f"{_row_name(results, row, settings)}, " if len(rows) > 1 else ""
             value = example.setting.values[results.x.key]
             name = name_of(results.x, value, settings) if isinstance(value, str) else f"{results.x.label} {value}"
-            ax.set_title(f"{where}{name}, step {example.step}", loc="left")
+            ax.set_title(
+                textwrap.fill(f"{where}{name}, step\N{NO-BREAK SPACE}{example.step}", LETTERS // columns), loc="left"
+            )
     handles = arena.handles(scenes)
     columns = len(handles) if len(handles) <= 6 else -(-len(handles) // 2)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
