@@ -166,7 +166,7 @@ def step_losses(
         summary = rows.groupby(factor.column)[column].describe().reindex(values)
         low, middle, high = (summary[quartile].to_numpy() for quartile in ("25%", "50%", "75%"))
         x = np.arange(len(values)) + width * (place - (len(points) - 1) / 2)
-        top = max(top, *high[np.isfinite(high)])
+        top = max([top, *high[np.isfinite(high)]])
         ax.vlines(x, low, high, color=color, lw=0.9)
         ax.plot(x, middle, ls="", color=color, **_marker(column, color))
     name_places(ax, values, names)

@@ -8,10 +8,12 @@ from matplotlib.lines import Line2D
 
 from affmap.control.settings import ControlSettings
 from affmap.control.variation import FACTORS, HOME, Task
+from affmap.experiments.exp10_factors.claims import KEPT
 from affmap.experiments.exp10_factors.levels import AGENT, BLIND, levels, successes
 from affmap.report.drawing.colors import context_color
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results.setting import ReportSettings
+from affmap.results.statistics import interval
 from affmap.results.tables import Results
 
 COLUMNS = 4
@@ -51,10 +53,12 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
         values, names = zip(*sorted(columns), strict=True)
         places = np.arange(len(values))
         for agent, shares in tables.items():
-            look = LOOKS[agent]
-            ax.plot(
-                places, shares[list(names)].mean(), look.style, color=look.color, marker=look.marker, ms=3.5, lw=1.2
-            )
+            look, own = LOOKS[agent], shares[list(names)]
+            ax.plot(places, own.mean(), look.style, color=look.color, marker=look.marker, ms=3.5, lw=1.2)
+            if look.marker:
+                ax.vlines(places, *np.transpose([interval(own[name]) for name in names]), color=look.color, lw=1.2)
+        if AGENT in tables:
+            ax.axhline(KEPT * tables[AGENT][HOME].mean(), color=LOOKS[AGENT].color, lw=0.8, ls=(0, (1, 2)))
         _finish(ax, [f"{value:.3g}" for value in values], names.index(HOME), known.label, known.unit)
     for ax in grid.flat[len(every) :]:
         ax.set_axis_off()
@@ -65,8 +69,9 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     figure.legend(lines, [look.label for look in shown], loc="outside lower center", ncols=2, frameon=False)
     return Drawn(
         figure,
-        "Share of successful runs, mean over members, at each level of each factor; levels are evenly spaced. The "
-        "shaded level, in bold, is home, where models were trained. The agents are not told of the variation.",
+        "Share of successful runs, mean over members, at each level of each factor; levels are evenly spaced. Bars: "
+        f"95 % bootstrap intervals over members. Dotted in green: {KEPT:g} of the agent's success at home. The shaded "
+        "level, in bold, is home, where models were trained. The agents are not told of the variation.",
     )
 
 
