@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from affmap.control.agent import Observation, loops_of
+from affmap.control.agent import loops_of
 from affmap.data.collect import random_actions
 from affmap.data.settings import Exploration
 from affmap.gaussian import Gaussian
@@ -34,19 +34,28 @@ class Explorer:
         self._settings, self._signal = settings, SIGNALS[settings.kind]
         self._compiled = loops_of(stack, lookup)
 
-    def choose(self, observation: Observation, generators: Sequence[np.random.Generator]) -> Tensor:
-        """Choose a plan for each of A vehicles, `[A, H, 4]`, from N that its generator draws."""
+    def choose(self, position: Tensor, delta: Tensor, generators: Sequence[np.random.Generator]) -> Tensor:
+        """Choose a plan for each of A vehicles, from N that its generator draws.
+
+        Args:
+            position: reported positions, `[A, 2]`, u.
+            delta: their last changes, `[A, 2]`, u/step.
+            generators: A of them.
+
+        Returns:
+            Throttles, `[A, H, 4]`.
+        """
         drawn = [
             [random_actions(self._exploration, rng) for _ in range(self._settings.num_plans)] for rng in generators
         ]
         plans = torch.from_numpy(np.array(drawn))
-        best = self.news(observation, plans).argmax(1)
+        best = self.news(position, delta, plans).argmax(1)
         return plans[torch.arange(len(plans)), best]
 
-    def news(self, observation: Observation, plans: Tensor) -> Tensor:
+    def news(self, position: Tensor, delta: Tensor, plans: Tensor) -> Tensor:
         """The signal that plans `[A, N, H, 4]` promise, its mean over their steps: `[A, N]`."""
         size = len(self._stack.seeds) // len(plans)
-        position, delta = (part.repeat_interleave(size, 0) for part in (observation.position, observation.delta))
+        position, delta = (part.repeat_interleave(size, 0) for part in (position, delta))
         situation = Situation(position, delta, self._stack.transition.initial(1))
         with torch.inference_mode():
             path = self._imagine(situation, plans.repeat_interleave(size, 0))

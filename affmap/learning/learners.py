@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from affmap.control.agent import Observation
 from affmap.data.batches import Batch
 from affmap.data.collect import free_position, random_actions
 from affmap.data.settings import Exploration
@@ -25,13 +24,12 @@ from affmap.model.stack import Stack
 from affmap.random import generator, integer
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
-from affmap.view import views
 
 SAVED = ("position", "true_position", "action", "touching", "in_fog")
 """Parts of a round that a checkpoint needs; views follow from true positions."""
 
-Act = Callable[[Observation, int], np.ndarray]
-"""Actions `[A, 4]` of all agents, from their sensations and the number of the step in the round."""
+Act = Callable[[Tensor, Tensor, int], np.ndarray]
+"""Actions `[A, 4]` of all agents, from reported positions `[A, 2]`, their last changes, and the step of the round."""
 
 
 @dataclass
@@ -151,9 +149,11 @@ class Learners:
             for each, info in begun
         ]
         for step in range(self.settings.round_steps):
-            pictures = views([layout.map], np.stack([info["position"] for info in infos]))
-            observation = Observation.of([{**each, "view": view} for each, view in zip(sensed, pictures, strict=True)])
-            actions = act(observation, step)
+            position, delta = (
+                torch.from_numpy(np.stack([each[key] for each in sensed]).astype(np.float32))
+                for key in ("position", "delta")
+            )
+            actions = act(position, delta, step)
             results = [env.step(action) for env, action in zip(envs, actions, strict=True)]
             sensed, infos = [result[0] for result in results], [result[4] for result in results]
             for record, action, each, info in zip(records, actions, sensed, infos, strict=True):
@@ -174,18 +174,18 @@ class Learners:
     def _random(self, rngs: Sequence[np.random.Generator]) -> Act:
         exploration = self.exploration.model_copy(update={"num_steps": self.settings.round_steps})
         drawn = np.stack([random_actions(exploration, rng) for rng in rngs], axis=1)  # [S, A, 4]
-        return lambda observation, step: drawn[step]
+        return lambda position, delta, step: drawn[step]
 
     def _informed(self, settings: SeekingLearning, layout: Layout, rngs: Sequence[np.random.Generator]) -> Act:
         lookup = AffordanceMap.paint(self.stack, [layout.map], settings.spacing)
         explorer = Explorer(self.stack, lookup, self.exploration, settings)
         plans = np.empty(0)
 
-        def act(observation: Observation, step: int) -> np.ndarray:
+        def act(position: Tensor, delta: Tensor, step: int) -> np.ndarray:
             nonlocal plans
             place = step % settings.executed_steps
             if place == 0:
-                plans = explorer.choose(observation, rngs).numpy()
+                plans = explorer.choose(position, delta, rngs).numpy()
             return plans[:, place]
 
         return act

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from affmap import compiled
-from affmap.control.agent import Observation
 from affmap.data.collect import random_actions
 from affmap.data.settings import Exploration
 from affmap.env.layout import Layout
@@ -27,44 +26,43 @@ def explorer(world: Layout, seeds: range, kind: str = "disagreement", num_plans:
     return Explorer(stack, AffordanceMap.paint(stack, [world.map], 0.1), EXPLORATION, settings)
 
 
-def observation(num_agents: int) -> Observation:
+def sensed(num_agents: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Positions and their last changes."""
     rng = np.random.default_rng(0)
     position = torch.from_numpy(rng.uniform(0.2, 1.8, (num_agents, 2)).astype(np.float32))
     delta = torch.from_numpy(rng.normal(0, 0.02, (num_agents, 2)).astype(np.float32))
-    return Observation(position, delta, torch.zeros(num_agents, 1, 11, 11, dtype=torch.bool), position)
+    return position, delta
 
 
 @pytest.mark.usefixtures("loops")
 def test_the_news_of_a_plan_is_the_mean_information_of_its_imagined_steps(world: Layout) -> None:
     """Each model's rollout by itself, and the information of its changes of position, whose variances do not add up."""
     chooser = explorer(world, range(6), "information")
-    seen, plans = observation(2), torch.rand(2, 4, 5, 4, generator=torch.Generator().manual_seed(0))
+    (position, delta), plans = sensed(2), torch.rand(2, 4, 5, 4, generator=torch.Generator().manual_seed(0))
     for agent in range(2):
         changes = []
         for member in range(3 * agent, 3 * agent + 3):
             alone = chooser._stack.select([member])
             lookup = AffordanceMap.paint(alone, [world.map], 0.1)
-            start = Situation(
-                seen.position[agent : agent + 1], seen.delta[agent : agent + 1], alone.transition.initial(1)
-            )
+            start = Situation(position[[agent]], delta[[agent]], alone.transition.initial(1))
             path = rollout(alone.transition, lookup, start, plans[agent : agent + 1])
-            before = torch.cat([seen.position[agent].expand(1, 4, 1, 2), path.mean[..., :-1, :]], dim=-2)
+            before = torch.cat([position[agent].expand(1, 4, 1, 2), path.mean[..., :-1, :]], dim=-2)
             variance = torch.cat([torch.zeros(1, 4, 1, 2), (2 * path.log_std).exp()], dim=-2).diff(dim=-2)
             changes.append(Gaussian(path.mean - before, 0.5 * (variance + 0.01**2).log()))
         committee = Gaussian(*(torch.stack(parts) for parts in zip(*changes, strict=True)))
         expected = information(committee).mean(-1)[0]
-        torch.testing.assert_close(chooser.news(seen, plans)[agent], expected, rtol=1e-3, atol=1e-5)
+        torch.testing.assert_close(chooser.news(position, delta, plans)[agent], expected, rtol=1e-3, atol=1e-5)
 
 
 def test_the_chosen_plan_is_the_best_of_those_that_random_exploration_would_draw(world: Layout) -> None:
     """`random_actions` with the same generator."""
-    chooser, seen = explorer(world, range(3)), observation(1)
-    chosen = chooser.choose(seen, [np.random.default_rng(5)])
+    chooser, seen = explorer(world, range(3)), sensed(1)
+    chosen = chooser.choose(*seen, [np.random.default_rng(5)])
     rng = np.random.default_rng(5)
     drawn = [random_actions(EXPLORATION.model_copy(update={"num_steps": 5}), rng) for _ in range(6)]
     plans = torch.from_numpy(np.array([drawn]))
-    assert (chosen[0] == plans[0, chooser.news(seen, plans)[0].argmax()]).all()
-    (only,) = explorer(world, range(3), num_plans=1).choose(seen, [np.random.default_rng(5)])
+    assert (chosen[0] == plans[0, chooser.news(*seen, plans)[0].argmax()]).all()
+    (only,) = explorer(world, range(3), num_plans=1).choose(*seen, [np.random.default_rng(5)])
     np.testing.assert_array_equal(only, drawn[0])
 
 
@@ -73,11 +71,11 @@ def test_an_agent_chooses_as_it_would_alone(world: Layout, enabled: bool) -> Non
     """The same alone: two agents side by side, and each by itself."""
     compiled.use(enabled)
     try:
-        seen = observation(2)
-        both = explorer(world, range(6)).choose(seen, [np.random.default_rng(seed) for seed in (0, 1)])
+        seen = sensed(2)
+        both = explorer(world, range(6)).choose(*seen, [np.random.default_rng(seed) for seed in (0, 1)])
         for agent, seeds in enumerate((range(3), range(3, 6))):
-            own = Observation(*(part[agent : agent + 1] for part in seen))
-            alone = explorer(world, seeds).choose(own, [np.random.default_rng(agent)])
+            own = (part[[agent]] for part in seen)
+            alone = explorer(world, seeds).choose(*own, [np.random.default_rng(agent)])
             assert (alone[0] == both[agent]).all()
     finally:
         compiled.use(True)
