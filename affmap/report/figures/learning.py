@@ -52,7 +52,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     losses, coverage, share = above.subplots(1, 3)
     _losses(losses, kinds)
     _shares(coverage, online, [kind.experience.coverage for kind in online if kind.experience])
-    coverage.set(ylabel="share of the free cells visited", ylim=(0, 1))
+    coverage.set(ylabel="share of free cells", ylim=(0, 1))
     coverage.set_title("B  Coverage", loc="left")
     has_fog = any(circle.effect == "fog" for kind in online for layout in kind.layouts for circle in layout.circles)
     where = "in_fog" if has_fog else "touching"
