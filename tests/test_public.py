@@ -240,33 +240,36 @@ def test_the_page_on_scores_says_what_learned_agents_reach() -> None:
 
 
 def test_readme_says_what_agents_that_learn_online_found() -> None:
-    """Effects of claims, means over runs, and medians over models after the last round."""
+    """Medians over models after the last round, means over runs, and shares of the steps of their experience."""
     text = page("README.md")
-    claims, fog = (
-        pd.read_csv(ROOT / f"runs/reference/{name}/tables/claims.csv").set_index(["claim", "part"])["effect"]
+    home, fog = (
+        pd.read_csv(ROOT / f"runs/reference/{name}/tables/validation.csv")
+        .query("epoch == 100")
+        .groupby("learning")["validation_nll"]
+        .median()
         for name in ("exp8", "exp8_fog")
     )
-    gain = -claims["VIII-1", "disagreement"]
     runs = pd.read_csv(ROOT / "runs/reference/exp8/tables/runs.csv").query("layout == 'original'")
     own, offline = runs.groupby("learning")["mean_distance"].mean()[["disagreement", "offline"]]
-    assert f"its loss is {gain:.2f} nats lower" in text
-    assert f"its distance {own:.2f} u instead of {offline:.2f} u" in text
-    last = pd.read_csv(ROOT / "runs/reference/exp8_fog/tables/validation.csv").query("epoch == 50")
-    losses = last.groupby("learning")["validation_nll"].median()
-    assert f"disagreement spends {fog['VIII-5', 'disagreement']:.0%} of its steps".replace("%", " %") in text
-    assert f"\N{MINUS SIGN}{-losses['disagreement']:.1f} nats instead of +{losses['random']:.0f}" in text
-    assert f"leaves fog alone, {100 * fog['VIII-5', 'divergence']:.0f} %, before" in text
-    assert f"what fog does: +{losses['divergence']:.0f} nats" in text
-    configs = {
-        path.parent: json.loads(path.read_text()) for path in ROOT.glob("runs/reference/store/train/*/provenance.json")
+    minus = "\N{MINUS SIGN}"
+    assert f"models disagree have {minus}{-home['disagreement']:.2f} nats" in text
+    assert f"explore at random {minus}{-home['random']:.2f}, and" in text
+    assert f"from 48,000 steps {minus}{-home['offline']:.2f};" in text
+    assert f"as well as offline ({own:.2f} u, {offline:.2f} u)" in text
+    records = {
+        path.parent: json.loads(path.read_text())["config"]
+        for path in ROOT.glob("runs/reference/store/train/*/provenance.json")
     }
-    (random,) = (
-        folder
-        for folder, record in configs.items()
-        if record["config"].get("learning", {}).get("kind") == "random"
-        and record["config"]["training_layouts"][0]["name"] == "fog"
-    )
-    assert f"in fog (random {100 * read_experience([random]).in_fog.mean():.0f} %)" in text
+    shares = {
+        config["learning"]["kind"]: 100 * read_experience([folder]).in_fog.mean()
+        for folder, config in records.items()
+        if "learning" in config and [each["name"] for each in config["training_layouts"]] == ["fog"]
+    }
+    assert (
+        "deviations spend {deviation:.0f} % of their steps in fog, information gain {information:.0f} %, "
+        "disagreement {disagreement:.0f} %, random ones {random:.0f} %."
+    ).format(**shares) in text
+    assert f"best: {minus}{-fog['disagreement']:.1f} nats, random +{fog['random']:.1f}" in text
 
 
 def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> None:
