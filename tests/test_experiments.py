@@ -37,6 +37,7 @@ CLAIMS = {
     "exp7_doors": ("VII", range(6, 9), 3),
     "exp8": ("VIII", range(1, 5), 5 * 2),
     "exp8_fog": ("VIII", range(5, 10), 5),
+    "exp9": ("IX", range(1, 9), 3 * 2),
     "exp10_factors": ("X", range(1, 5), 48),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""

@@ -68,7 +68,7 @@ def test_in_random_worlds_it_is_in_the_first_that_its_member_flew_in() -> None:
     assert isinstance(agent.lookup, AffordanceMap) and agent.lookup.worlds == [world.map]
 
 
-BEYOND = ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp10_factors")
+BEYOND = ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp9", "exp10_factors")
 
 
 def test_everything_of_the_reference_run_can_be_flown() -> None:
@@ -86,6 +86,7 @@ def test_everything_of_the_reference_run_can_be_flown() -> None:
         "exp7_doors",
         "exp8",
         "exp8_fog",
+        "exp9",
     ]
     for name in pretrained.experiments():
         origin = pretrained.origin(name)
@@ -197,8 +198,8 @@ def test_an_agent_of_a_run_flies_what_the_run_has_recorded(ran: Path) -> None:
 def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
         (
-            {"source": "exp9"},
-            r"^exp9 does not exist, and is none of .* exp1, exp10_factors, exp2, .* exp7_doors, exp8, exp8_fog\.$",
+            {"source": "exp11"},
+            r"^exp11 does not exist, and is none of .* exp1, exp10_factors, exp2, .* exp7_doors, exp8_fog, exp9\.$",
         ),
         ({"source": "./nothing"}, r"^\./nothing does not exist, and is none of"),
         ({"source": ran}, "is neither the folder of an experiment's report, nor that of a saved agent, nor one of"),
