@@ -332,7 +332,7 @@ def test_bad_values_of_the_gradient_planner_are_named() -> None:
 
 def test_bad_values_of_agents_that_know_the_physics_are_named() -> None:
     """The keys that other agents do not have."""
-    for agent in ("oracle", "seen", "true_mean", "true_deviation"):
+    for agent in ("filter", "oracle", "seen", "true_mean", "true_deviation"):
         values = by_hand(agent=agent)
         for std in (0.0, -0.1, math.inf):
             with pytest.raises(ConfigError, match=rf"agent.std = {std} is not allowed"):
@@ -776,7 +776,7 @@ def test_seeds_planners_and_labels() -> None:
     (config,) = sweep.jobs(["agent=straight", "model.context_size=5"])
     assert isinstance(config.agent, StraightAgent) and config.controller == "straight"
     assert label(config) == "original, context size 5, straight, map of 0.02 u"
-    for name in ("oracle", "seen", "true_mean", "true_deviation"):
+    for name in ("filter", "oracle", "seen", "true_mean", "true_deviation"):
         (config,) = sweep.jobs([f"agent={name}", "agent.std=0.01"])
         assert config.agent == OracleSettings(kind=name, std=0.01) and config.controller == name
         assert label(config) == f"original, context size 8, {name}, map of 0.02 u"
@@ -796,7 +796,7 @@ def test_only_the_reference_s_models_are_looked_for_in_the_reference(values: Val
         assert open_store(config).has(TRAIN.of(config)) == expected
 
 
-@pytest.mark.parametrize("kind", ["oracle", "seen", "true_mean", "true_deviation"])
+@pytest.mark.parametrize("kind", ["filter", "oracle", "seen", "true_mean", "true_deviation"])
 def test_what_an_oracle_cannot_do_is_said_before_anything_runs(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gradients of the true physics, and flights without numba; compiled loops may be switched off."""
     with pytest.raises(ConfigError, match=f"agent = '{kind}' .* has no gradients for .*; say planner=cem"):
