@@ -71,7 +71,7 @@ def test_without_a_card_there_is_a_sentence(
 
 
 def test_the_paper_is_counted_from_its_configuration(load: Any) -> None:
-    """Its trainings are those of the reference run, but for ten of VI, one of VII, ten of VIII, six of IX; updates by hand.
+    """Its trainings are those of the reference run, but for 10 of VI, 1 of VII, 10 of VIII, 6 of IX; updates by hand.
 
     Steps, too. Trainings of 16 batches of 6 chunks: 15 of 50 epochs, 1 of 100; of four times as many batches 7 of 500.
     Flights of 200 steps: of 5 context sizes two planners in Experiment I, two more worlds in II, one in III and one in
