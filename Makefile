@@ -77,7 +77,7 @@ $(EXPERIMENTS) lookups $(FACTORS) $(REPLICATIONS): $(READY)
 paper: $(PAPER)  ## the paper's experiments, what is missing of them, and one report of all: runs/paper/report.pdf
 	$(BIN)/affmap-paper $(SETTINGS)
 
-beyond: $(BEYOND)  ## experiments VI, VII, VIII and X, beyond the paper, and a report of all: runs/beyond/report.pdf (four hours)
+beyond: $(BEYOND)  ## experiments VI to X, beyond the paper, and a report of all: runs/beyond/report.pdf (four hours)
 	$(BIN)/affmap-paper --beyond $(SETTINGS)
 
 tune: $(READY)  ## are the paper's learning rates and planners near the best? Three searches of 60 trials (minutes)

@@ -54,6 +54,8 @@ class VisibleLayout:
     """Centre x, centre y and radius in u of each circle where a visit opens the doors; none without doors."""
     opened: VisibleLayout | None = None
     """The visible layout once they are open; None without doors."""
+    hidden: tuple[tuple[float, float, float], ...] = ()
+    """Centre x, centre y and radius in u of each circle from inside which nothing is seen; none if all is."""
 
     @cached_property
     def arrays(self) -> dict[np.dtype, LayoutArrays]:
@@ -66,6 +68,15 @@ class VisibleLayout:
         for x, y, radius in self.keys:
             inside |= np.hypot(positions[..., 0] - x, positions[..., 1] - y) < radius
         return inside
+
+    def is_hidden(self, positions: Any) -> Any:
+        """Whether nothing is seen from positions `[..., 2]` (u): `[...]`, of the same library."""
+        xp = array_namespace(positions)
+        x, y = positions[..., 0], positions[..., 1]
+        result = xp.zeros_like(x, dtype=xp.bool)
+        for center_x, center_y, radius in self.hidden:
+            result = result | ((x - center_x) ** 2 + (y - center_y) ** 2 < radius**2)
+        return result
 
     def _round(self, dtype: type[np.floating]) -> LayoutArrays:
         circles = np.array([(x, y, radius**2) for x, y, radius, _ in self.circles], dtype).reshape(-1, 3)
@@ -87,6 +98,14 @@ def view(layout: VisibleLayout, positions: Any) -> Any:
         `[..., K, 11, 11]` bool, of the same library as `positions`; rows go upward (row 0 has the smallest y),
         columns to the right.
     """
+    pictures = _cut(layout, positions)
+    if layout.hidden:
+        pictures[layout.is_hidden(positions)] = False
+    return pictures
+
+
+def _cut(layout: VisibleLayout, positions: Any) -> Any:
+    """Cut out views where all is seen, see `view`."""
     places = for_compiled(positions)
     if places is None:
         return _draw(layout, positions)

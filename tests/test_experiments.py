@@ -38,6 +38,7 @@ CLAIMS = {
     "exp8": ("VIII", range(10, 19), 5 * 2),
     "exp8_fog": ("VIII", range(19, 28), 5),
     "exp8_worlds": ("VIII", range(28, 35), 4 * 2),
+    "exp9": ("IX", range(1, 9), 3 * 2),
     "exp10_factors": ("X", range(1, 5), 48),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""

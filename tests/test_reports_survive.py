@@ -73,11 +73,11 @@ def test_every_damaged_file_of_the_published_run_is_told(
             path.write_bytes(content)
     tried("a flipped bit in each file of the published run", len(files), "make check names the file")
     shutil.copy(published / "exp1/tables/runs.csv", published / "exp1/tables/better.csv")
-    shutil.copytree(published / "exp1/tables", published / "exp9/tables")
+    shutil.copytree(published / "exp1/tables", published / "exp11/tables")
     assert check(published, monkeypatch) == 1
     message = capsys.readouterr().err
     assert f"{published / 'exp1/tables/better.csv'} does not belong there." in message
-    assert f"{published / 'exp9/tables/runs.csv'} is in no manifest." in message
+    assert f"{published / 'exp11/tables/runs.csv'} is in no manifest." in message
 
 
 def test_every_missing_folder_that_a_published_report_names_is_told(

@@ -1,6 +1,9 @@
 """`view` against a rasteriser of plain Python loops, against symmetry, and each library and batch against the other."""
 
+import dataclasses
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,3 +147,17 @@ def test_views_of_several_worlds_are_those_of_each(shape: tuple[int, ...]) -> No
 def test_pixels_and_extent_are_the_papers() -> None:
     """Appendix A: 11 x 11 pixels for 0.5 x 0.5 u; the rasteriser above has these numbers written out."""
     assert (PIXELS, EXTENT) == (11, 0.5)
+
+
+@pytest.mark.parametrize("library", [np.asarray, torch.as_tensor])
+def test_nothing_is_seen_from_a_hidden_place(library: Callable[[np.ndarray], Any]) -> None:
+    """By distance to two circles, one by one; elsewhere the view is that of the same world without them."""
+    hidden = ((1.0, 1.0, 0.3), (1.5, 1.0, 0.4))
+    world = VisibleLayout((2.0, 2.0), 1, 0, ((1.2, 1.1, 0.5, 0),))
+    places = np.random.default_rng(0).uniform(0, 2, (100, 3, 2))
+    seen = np.asarray(view(dataclasses.replace(world, hidden=hidden), library(places)))
+    plain = np.asarray(view(world, library(places)))
+    for index in np.ndindex(100, 3):
+        inside = any(math.dist(places[index], (x, y)) < radius for x, y, radius in hidden)
+        np.testing.assert_array_equal(seen[index], plain[index] & (not inside))
+    assert (seen != plain).any()

@@ -6,6 +6,7 @@ from .episodes import Runs as Runs
 from .episodes import control as control
 from .episodes import fly as fly
 from .evaluation import evaluate as evaluate
+from .filter import Filter as Filter
 from .oracle import HalfOracle as HalfOracle
 from .oracle import Oracle as Oracle
 from .pilot import Pilot as Pilot

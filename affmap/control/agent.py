@@ -131,7 +131,7 @@ class Agent(PlanningAgent):
 
     def objective(self, observation: Observation, carry: Carry | None = None) -> Objective:
         """Objective for plans, see `PlanningAgent.objective`."""
-        if self._compiled is None:
+        if self._compiled is None or self.settings.reports == "noisy":
             return super().objective(observation, carry)
         situation, std = self._situation(observation, carry), self.goal_std(observation)
         return self._compiled.objective(situation, observation.goal, std, self.settings.beta)
@@ -139,6 +139,9 @@ class Agent(PlanningAgent):
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
         """Imagine candidates, see `PlanningAgent.imagine`."""
         situation = self._situation(observation, carry)
+        if self.settings.reports == "noisy":
+            sensed = self._codes(observation)
+            return rollout(self.stack.transition, self.lookup, situation, actions, code=sensed)
         if self._compiled and not (torch.is_grad_enabled() and actions.requires_grad):
             return self._compiled.positions(situation, actions)
         return rollout(self.stack.transition, self.lookup, situation, actions)
@@ -151,15 +154,15 @@ class Agent(PlanningAgent):
 
     def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
         """Predict the next step from the true view, as in training; see `PlanningAgent.predict`."""
-        num_members = len(self.stack.seeds)
-        view, delta, action = (
-            part.unflatten(0, (num_members, -1)) for part in (observation.view, observation.delta, action)
-        )
-        codes = self._direct.of_views(view)
-        if codes is None:
-            codes = self._cached(view)
-        carry, prediction = self.stack.transition.step()(carry, codes, delta, action)
+        delta, action = (part.unflatten(0, (len(self.stack.seeds), -1)) for part in (observation.delta, action))
+        carry, prediction = self.stack.transition.step()(carry, self._codes(observation), delta, action)
         return carry, Gaussian(*(part.flatten(0, 1) for part in prediction))
+
+    def _codes(self, observation: Observation) -> Tensor:
+        """Context codes of the views that are sensed, `[M, B / M, C]`."""
+        view = observation.view.unflatten(0, (len(self.stack.seeds), -1))
+        codes = self._direct.of_views(view)
+        return self._cached(view) if codes is None else codes
 
 
 def loops_of(stack: Stack, lookup: Lookup) -> CompiledImagination | None:

@@ -53,7 +53,8 @@ def compiled_imagination(stack: Stack, lookup: Lookup) -> CompiledImagination | 
     if isinstance(lookup, AffordanceMap) and readable([lookup.codes]):
         return MapImagination(stack, lookup)
     plain = stack.vision is not None and stack.vision.encoder == "plain"
-    return ViewImagination(stack, lookup) if isinstance(lookup, ExactLookup) and plain else None
+    seen = not any(world.hidden for world in lookup.worlds)
+    return ViewImagination(stack, lookup) if isinstance(lookup, ExactLookup) and plain and seen else None
 
 
 class MapImagination:

@@ -204,6 +204,8 @@ class PlanningAgent(ABC):
 
         def objective(actions: Tensor) -> Tensor:
             path = self.imagine(observation, actions, carry)
+            if self.settings.reports == "noisy":
+                path = path._replace(log_std=std.log()[..., None, None].expand_as(path.mean))
             return expected_free_energy(path, goal, std, self.settings.beta).total
 
         return objective

@@ -75,7 +75,7 @@ class Oracle(PlanningAgent):
 
     def __repr__(self) -> str:
         seen = ", as seen" if self._as_seen else ""
-        return f"Oracle({type(self.planner).__name__}, {counted(len(self._twin), 'world')}{seen})"
+        return f"{type(self).__name__}({type(self.planner).__name__}, {counted(len(self._twin), 'world')}{seen})"
 
     @property
     def worlds(self) -> Sequence[VisibleLayout]:

@@ -44,9 +44,9 @@ class AgentSettings(Settings, defaults="agent/planner"):
 class OracleSettings(Settings, defaults="agent/oracle"):
     """A model-predictive agent that knows the true physics, of groups as `AgentSettings` (`conf/agent/oracle.yaml`)."""
 
-    kind: Literal["oracle", "seen", "true_mean", "true_deviation"] = preset()
-    """Part of the imagination that is true: all; all that views show; or the mean or the deviation, the other being the
-    model's."""
+    kind: Literal["oracle", "seen", "filter", "true_mean", "true_deviation"] = preset()
+    """Part of the imagination that is true: all; all that views show; all, and the agent keeps track of its place in
+    fog; or the mean or the deviation, the other being the model's."""
     std: Length = preset()
     """Standard deviation of a true step outside fog, u."""
 

@@ -38,6 +38,9 @@ class ControlSettings(Settings, defaults="control/default"):
     """Distance to the goal below which it is reached, u."""
     goal_distance: Annotated[Length | None, Neutral(None)] = preset()
     """Distance between start and goal, u, in any direction; None for goals in the opposite corner."""
+    reports: Annotated[Literal["exact", "noisy"], Neutral("exact")] = preset()
+    """Worth of reported positions. Where they are noisy, imagination begins with the view that is sensed, not with the
+    map at the reported position; and plans count imagined means alone, because deviations are those of reports."""
     guide: Annotated[Guide, Neutral("none")] = preset()
     """Sub-goals of an agent that plans: none, or points ahead on the shortest way by its own imagination."""
     guide_spacing: Annotated[Length, Neutral(0.1), Field(ge=0.02)] = preset()

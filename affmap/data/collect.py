@@ -46,7 +46,7 @@ def collect(
     for sequence, env in enumerate(envs):
         rng = generator(exploration.seed, "exploration", sequence)
         layout = env.layout
-        options = {"position": free_position(layout, vehicle, rng)}
+        options = {"position": free_position(layout, vehicle, rng, exploration.start == "clear")}
         observation, info = env.reset(seed=integer(exploration.seed, "world", sequence), options=options)
         record: dict[str, list[np.ndarray]] = {
             "position": [observation["position"]],
@@ -78,18 +78,20 @@ def random_actions(exploration: Exploration, rng: np.random.Generator) -> list[n
     return actions[: exploration.num_steps]
 
 
-def free_position(layout: Layout, vehicle: Vehicle, rng: np.random.Generator) -> np.ndarray:
-    """Draw a place for the vehicle, `[2]` in u, uniformly over all free places.
+def free_position(layout: Layout, vehicle: Vehicle, rng: np.random.Generator, is_clear: bool = False) -> np.ndarray:
+    """Draw a place for the vehicle, `[2]` in u, uniformly over all free places; or those outside fog, if `is_clear`.
 
     Raises:
         ValueError: ten thousand draws found none.
     """
     positions = rng.uniform(0, layout.size, (10_000, 2))
     free = positions[layout.is_free(positions, vehicle.radius)]
+    if is_clear:
+        free = free[~layout.in_fog(free, vehicle.radius)]
     if len(free) == 0:
         raise ValueError(
-            f"layout {layout.name!r} has no free place for a vehicle of radius {vehicle.radius} u; "
-            "make its obstacles fewer or smaller."
+            f"layout {layout.name!r} has no free place{' outside fog' if is_clear else ''} for a vehicle of radius "
+            f"{vehicle.radius} u; make its obstacles{' and its fog' if is_clear else ''} fewer or smaller."
         )
     return free[0]
 

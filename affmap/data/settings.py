@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
-from affmap.settings import Count, Seed, Settings, Share, preset
+from affmap.settings import Count, Neutral, Seed, Settings, Share, preset
 
 
 class Exploration(Settings, defaults="data/default"):
@@ -24,6 +24,8 @@ class Exploration(Settings, defaults="data/default"):
     """Each action is held for 1 to `max_hold` steps; longer holds reach higher speeds."""
     binary_share: Share = preset()
     """Share of the actions whose throttles are fully open or closed; the others are uniform in [0, 1]."""
+    start: Annotated[Literal["free", "clear"], Neutral("free")] = preset()
+    """Places where sequences start: all free ones, or only those outside fog, where the vehicle knows its place."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

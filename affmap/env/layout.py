@@ -85,6 +85,8 @@ class Arena(Settings):
     """Side of the corner squares, u."""
     acts: Annotated[Acts, Neutral("rim")] = preset()
     """When fog and force fields act; obstacles act by touch."""
+    views_in_fog: Annotated[bool, Neutral(True)] = preset()
+    """Whether the vehicle sees anything while its centre is in fog; otherwise its view is empty there."""
 
     @model_validator(mode="after")
     def _check_arena(self) -> Self:
@@ -201,10 +203,14 @@ class Layout(Arena):
         painted = [(each, each.radius if each.painted is None else each.painted) for each in self.circles]
         circles = tuple((*each.center, radius, self.channels.index(each.channel)) for each, radius in painted if radius)
         own = self.size, len(self.channels), self.channels.index(self.border_channel), circles
+        hidden = () if self.views_in_fog else self._places_of("fog")
         if self._without_doors is None:
-            return VisibleLayout(*own)
-        keys = tuple((*circle.center, circle.radius) for circle in self.circles if circle.effect == "key")
-        return VisibleLayout(*own, keys, self._without_doors.map)
+            return VisibleLayout(*own, hidden=hidden)
+        return VisibleLayout(*own, self._places_of("key"), self._without_doors.map, hidden)
+
+    def _places_of(self, effect: str) -> tuple[tuple[float, float, float], ...]:
+        """Centre x, centre y and radius (u) of each circle of an effect."""
+        return tuple((*circle.center, circle.radius) for circle in self.circles if circle.effect == effect)
 
     @property
     def opened(self) -> Layout:
@@ -252,6 +258,15 @@ class Layout(Arena):
         for circle in self.obstacles:
             free &= np.linalg.norm(positions - np.array(circle.center), axis=-1) >= circle.radius + radius
         return free
+
+    def in_fog(self, positions: np.ndarray, radius: float) -> np.ndarray:
+        """Whether a vehicle of `radius` (u) at each of `positions` `[..., 2]` is in fog: `[...]`."""
+        inside = np.zeros(positions.shape[:-1], bool)
+        for circle in self.circles:
+            if circle.effect == "fog":
+                reach = circle.radius + self.reach(circle, radius)
+                inside |= np.linalg.norm(positions - np.array(circle.center), axis=-1) < reach
+        return inside
 
     def check_corners(self, radius: float) -> None:
         """Make sure that a vehicle of `radius` (u) can stand anywhere in the corner squares.

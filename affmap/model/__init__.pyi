@@ -1,4 +1,5 @@
 from .effects import Effects as Effects
+from .gatel0rd import GateL0RD as GateL0RD
 from .gru import GRU as GRU
 from .hyper import Hyper as Hyper
 from .lookup import AffordanceMap as AffordanceMap

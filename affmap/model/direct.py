@@ -75,9 +75,11 @@ class DirectEncoder:
     def __call__(self, worlds: Sequence[VisibleLayout], positions: Tensor) -> Tensor | None:
         """Context codes at `positions` `[M, ..., 2]` (u) in one world, or in B, member-major: `[M, ..., C]`.
 
-        None if only PyTorch can compute them.
+        None if only PyTorch can compute them, as where nothing is seen in fog.
         """
         places, num_members = for_compiled(positions), len(self._stack.seeds)
+        if any(world.hidden for world in worlds):
+            return None
         if places is None or len(positions) != num_members or not self._readable():
             return None
         from affmap.compiled.direct import codes_at

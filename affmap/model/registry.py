@@ -115,6 +115,23 @@ class GRUSettings(CodeSettings, defaults="model/transition/gru"):
 
 
 @register_transition
+class GateL0RDSettings(CodeSettings, defaults="model/transition/gatel0rd"):
+    """A recurrent cell whose gates are mostly shut (`conf/model/transition/gatel0rd.yaml`)."""
+
+    kind: Literal["gatel0rd"] = preset()
+    gate_penalty: NonNegative = preset()
+    """Weight of the share of open gates in the training loss (lambda), nats."""
+    gate_noise: NonNegative = preset()
+    """Standard deviation of the noise on the inputs of gates in training."""
+
+    def make(self, generators: Generators, context_size: int, hidden_size: int, delta_scale: float) -> TransitionModel:
+        """Draw the initial weights, see `TransitionSettings.make`."""
+        from affmap.model.gatel0rd import GateL0RD
+
+        return GateL0RD(generators, context_size, hidden_size, delta_scale, self.gate_penalty, self.gate_noise)
+
+
+@register_transition
 class EffectsSettings(CodeSettings):
     """Free motion and effects of blocks of the code (`conf/model/transition/additive.yaml`, `split.yaml`)."""
 

@@ -28,7 +28,12 @@ class Situation(NamedTuple):
 
 
 def rollout(
-    transition: TransitionModel, lookup: Lookup, situation: Situation, actions: Tensor, path: Tensor | None = None
+    transition: TransitionModel,
+    lookup: Lookup,
+    situation: Situation,
+    actions: Tensor,
+    path: Tensor | None = None,
+    code: Tensor | None = None,
 ) -> Gaussian:
     """Imagine the execution of action sequences.
 
@@ -39,6 +44,7 @@ def rollout(
         actions: `[B, N, H, 4]`, candidates of each problem.
         path: positions `[B, N, H, 2]` (u) that take the place of the predicted ones, if any; deviations are predicted
             along them.
+        code: context codes for the first step, `[M, B / M, C]`; None for those at the reported positions.
 
     Returns:
         Predicted positions after each action, a Gaussian of `[B, N, H, 2]` in u.
@@ -58,7 +64,8 @@ def rollout(
     throttles = actions.reshape(num_members, num_paths, horizon, 4).permute(2, 0, 3, 1).contiguous().mT  # [H, M, P, 4]
     means, log_stds = [], []
     for t, action in enumerate(throttles):
-        carry, (delta, log_std) = step(carry, lookup(position), delta, action)
+        here = of_paths(code) if code is not None and t == 0 else lookup(position)
+        carry, (delta, log_std) = step(carry, here, delta, action)
         if path is not None:
             delta = path[:, :, t].reshape(num_members, num_paths, 2) - position
         position = position + delta

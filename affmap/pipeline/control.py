@@ -11,6 +11,7 @@ from affmap.config.root import Config, label
 from affmap.control.agent import Agent
 from affmap.control.controller import Controller
 from affmap.control.episodes import control
+from affmap.control.filter import Filter
 from affmap.control.oracle import HalfOracle, Oracle
 from affmap.control.registry import AgentSettings, OracleSettings
 from affmap.control.variation import Task
@@ -68,6 +69,8 @@ def _controller(
     settings = config.agent
     if not isinstance(settings, AgentSettings | OracleSettings):
         return settings
+    if settings.kind == "filter":
+        return Filter(layouts, vehicle, config.planner, config.control, settings.std)
     if settings.kind in ("oracle", "seen"):
         as_seen = settings.kind == "seen"
         return Oracle(layouts, vehicle, config.planner, config.control, settings.std, as_seen)

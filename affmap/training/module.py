@@ -102,12 +102,17 @@ class TrainingModule(lightning.LightningModule):
     @property
     def _has_terms(self) -> bool:
         """Whether the loss of an update has terms besides the likelihood."""
-        return self.stack.vision is not None and self.stack.settings.code.has_terms
+        of_codes = self.stack.vision is not None and self.stack.settings.code.has_terms
+        return of_codes or self.stack.transition.has_penalty
 
     def _terms(self, predicted: Predicted) -> Tensor:
         """What is added to the loss of an update besides the likelihood, `[M]` in nats."""
         settings, (batch, carry, code, prediction) = self.stack.settings.code, predicted
         terms = code.new_zeros(len(code))
+        if self.stack.transition.has_penalty:
+            terms = terms + self.stack.transition.penalty()
+        if self.stack.vision is None:
+            return terms
         if settings.paste and batch.pasted is not None:
             terms = terms + settings.paste * composition_gap(self.stack.encode(batch.pasted))
         if settings.penalty:

@@ -14,6 +14,7 @@ from affmap import pipeline
 from affmap.cli.app import read_sweep
 from affmap.config.root import label
 from affmap.control.episodes import control
+from affmap.control.filter import Filter
 from affmap.control.oracle import HalfOracle, Oracle
 from affmap.pipeline import control as stage
 from affmap.pipeline.completed import completed
@@ -119,6 +120,7 @@ def test_agents_can_be_compared_one_with_the_other(swept: Path, tmp_path: Path) 
     [
         ("oracle", Oracle, None),
         ("seen", Oracle, None),
+        ("filter", Filter, None),
         ("true_mean", HalfOracle, True),
         ("true_deviation", HalfOracle, False),
     ],

@@ -210,6 +210,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("data.num_steps", -300, "greater than 0"),
     ("data.max_hold", 0, "greater than 0"),
     ("data.binary_share", 1.01, "less than or equal to 1"),
+    ("data.start", "fog", "'free' or 'clear'"),
     ("data.seed", -1, "greater than or equal to 0"),
     ("model.context_size", -1, "greater than or equal to 0"),
     ("model.context_size", 1.5, "valid integer"),
@@ -223,7 +224,7 @@ BAD: list[tuple[str, Any, str]] = [
         "it should be the keys of a file of conf/model/transition; choose one by model/transition=gru",
     ),
     ("model.transition", "split", "choose one by model/transition=split"),
-    ("model.transition.kind", "lstm", "it should be 'additive' or 'split' or 'gru' or 'hyper' or 'mlp'"),
+    ("model.transition.kind", "lstm", "it should be 'additive' or 'split' or 'gatel0rd' or 'gru' or 'hyper' or 'mlp'"),
     ("model.transition.encoder", "none", "it should be 'plain', 'centered' or 'channels'"),
     ("model.transition.paste", -1.0, "greater than or equal to 0"),
     ("model.transition.effect_std", -0.1, "greater than or equal to 0"),
@@ -262,7 +263,7 @@ BAD: list[tuple[str, Any, str]] = [
     (
         "agent.kind",
         "pilot",
-        "'oracle' or 'seen' or 'true_mean' or 'true_deviation' or 'planner' or 'random' or 'straight'",
+        "'oracle' or 'seen' or 'filter' or 'true_mean' or 'true_deviation' or 'planner' or 'random' or 'straight'",
     ),
     ("agent.std", 0.0005, "not a known key"),
     ("agent.slow_distance", 0.3, "not a known key"),
@@ -280,6 +281,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("control.goal_radius", 2.8, "the goal may be 2.778 u away"),  # 2.4 to the side and 1.4 up
     ("control.goal_distance", 0.0, "greater than 0"),
     ("control.goal_distance", 0.1, "would count runs as successes where they start"),
+    ("control.reports", "blurred", "it should be 'exact' or 'noisy'"),
     ("control.guide", "star", "it should be 'none' or 'time_to_go'"),
     ("control.guide_spacing", 0.01, "greater than or equal to 0.02"),
     ("control.guide_steps", 0.0, "greater than 0"),
@@ -330,7 +332,7 @@ def test_bad_values_of_the_gradient_planner_are_named() -> None:
 
 def test_bad_values_of_agents_that_know_the_physics_are_named() -> None:
     """The keys that other agents do not have."""
-    for agent in ("oracle", "seen", "true_mean", "true_deviation"):
+    for agent in ("filter", "oracle", "seen", "true_mean", "true_deviation"):
         values = by_hand(agent=agent)
         for std in (0.0, -0.1, math.inf):
             with pytest.raises(ConfigError, match=rf"agent.std = {std} is not allowed"):
@@ -389,7 +391,8 @@ NEUTRAL = {
     "report": {"x", "color", "paper_figures"},
     "model": {"transition"},
     "training": {"cooldown"},
-    "control": {*GUIDE, "goal_distance"},
+    "control": {*GUIDE, "goal_distance", "reports"},
+    "data": {"start"},
     "vehicle": {"sensor_std"},
 }
 """Keys that may be missing, which says the same as their neutral value."""
@@ -562,6 +565,8 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("control.runs_per_member", 8, "control"),
     ("control.goal_distance", 1.0, "control"),
     ("control.guide", "time_to_go", "control"),
+    ("control.reports", "noisy", "control"),
+    ("control.reports", "exact", ""),
     ("variation", "mass/0.2", "control"),
     ("variation", "home", ""),
     ("lookup.spacing", 0.03, "control"),
@@ -571,6 +576,7 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("agent", {"kind": "planner"}, ""),
     ("agent", {"kind": "random"}, "control"),
     ("agent", {"kind": "oracle", "std": 0.0005}, "control"),
+    ("agent", {"kind": "filter", "std": 0.0005}, "control"),
     ("agent", {"kind": "true_mean", "std": 0.0005}, "control"),
     ("agent", {"kind": "true_deviation", "std": 0.0005}, "control"),
     ("agent", {"kind": "straight", "foresight": 8, "slow_distance": 0.3}, "control"),
@@ -772,7 +778,7 @@ def test_seeds_planners_and_labels() -> None:
     (config,) = sweep.jobs(["agent=straight", "model.context_size=5"])
     assert isinstance(config.agent, StraightAgent) and config.controller == "straight"
     assert label(config) == "original, context size 5, straight, map of 0.02 u"
-    for name in ("oracle", "seen", "true_mean", "true_deviation"):
+    for name in ("filter", "oracle", "seen", "true_mean", "true_deviation"):
         (config,) = sweep.jobs([f"agent={name}", "agent.std=0.01"])
         assert config.agent == OracleSettings(kind=name, std=0.01) and config.controller == name
         assert label(config) == f"original, context size 8, {name}, map of 0.02 u"
@@ -792,7 +798,7 @@ def test_only_the_reference_s_models_are_looked_for_in_the_reference(values: Val
         assert open_store(config).has(TRAIN.of(config)) == expected
 
 
-@pytest.mark.parametrize("kind", ["oracle", "seen", "true_mean", "true_deviation"])
+@pytest.mark.parametrize("kind", ["filter", "oracle", "seen", "true_mean", "true_deviation"])
 def test_what_an_oracle_cannot_do_is_said_before_anything_runs(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gradients of the true physics, and flights without numba; compiled loops may be switched off."""
     with pytest.raises(ConfigError, match=f"agent = '{kind}' .* has no gradients for .*; say planner=cem"):

@@ -114,7 +114,8 @@ MEANING = "brackets, quotes, commas and = have a meaning of their own; complete 
         ),
         (
             ["agent=random", "agent.std=1"],
-            "agent.std is a key of agent=oracle and agent=seen and agent=true_deviation and agent=true_mean only, ",
+            "agent.std is a key of agent=filter and agent=oracle and agent=seen and agent=true_deviation and "
+            "agent=true_mean only, ",
         ),
         (["+seed=3"], "seed is a key already; leave out the +."),
         (

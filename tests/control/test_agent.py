@@ -347,3 +347,26 @@ def test_bad_settings_are_named(changes: dict[str, Any], message: str) -> None:
     """Golden parts of the message."""
     with pytest.raises(ConfigError, match=message):
         ControlSettings.load("control", "default", **changes)
+
+
+@pytest.mark.parametrize("transition", ["mlp", "gru"])
+def test_where_reports_are_noisy_plans_begin_with_the_sensed_view_and_count_means(transition: str) -> None:
+    """Imagination with codes of the views, and as costs squared distances to goals, up to a constant."""
+    whole, seen = stack(*SEEDS, transition=transition).requires_grad_(False), observations()
+    lookup, settings = (
+        ExactLookup(whole, [WORLD]),
+        ControlSettings.load("control", "default", reports="noisy", beta=5.0),
+    )
+    agent, actions = Agent(whole, lookup, Fixed(random_actions(B)), settings), random_actions(B, 4)
+    carry = agent.initial_carry(B)
+    codes = whole.encode(take_apart(seen.view[None])).unflatten(1, (len(SEEDS), AGENTS))
+    own = torch.stack([codes[member, member] for member in range(len(SEEDS))])
+    situation = Situation(seen.position, seen.delta, carry)
+    path = rollout(whole.transition, lookup, situation, actions, code=own)
+    found = agent.imagine(seen, actions, carry)
+    torch.testing.assert_close(found.mean, path.mean, atol=1e-5, rtol=0)
+    torch.testing.assert_close(found.log_std, path.log_std, atol=1e-4, rtol=0)
+    squares = (path.mean - seen.goal[:, None, None]).square().sum(-1).mean(-1)  # [B, 4]
+    costs = agent.objective(seen, carry)(actions)
+    expected = squares / (2 * agent.goal_std(seen)[:, None] ** 2)
+    torch.testing.assert_close(costs - costs[:, :1], expected - expected[:, :1], rtol=1e-3, atol=1e-3)

@@ -30,7 +30,7 @@ from affmap.settings import ConfigError, read
 from affmap.view import view
 
 VEHICLE = Vehicle.load("vehicle", "default")
-KINDS = ("oracle", "seen", "true_mean", "true_deviation")
+KINDS = ("oracle", "seen", "filter", "true_mean", "true_deviation")
 STEP_STD = 0.0005  # u, as in `conf/agent/oracle.yaml`
 SETTINGS = ControlSettings.load("control", "default")
 H = 6

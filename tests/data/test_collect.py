@@ -235,8 +235,33 @@ def test_coverage_counts_visits_and_free_squares(explored: Arrays) -> None:
         ({"binary_share": 1.5}, "binary_share = 1.5 is not allowed"),
         ({"binary_share": math.nan}, "binary_share = nan is not allowed"),
         ({"seed": -1}, "seed = -1 is not allowed"),
+        ({"start": "fog"}, "start = 'fog' is not allowed: it should be 'free' or 'clear'"),
     ],
 )
 def test_bad_settings_are_named(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         exploration(**changes)
+
+
+def test_sequences_may_start_outside_fog_only() -> None:
+    """All in the belt's two clear strips, by the reports, which are exact there; a world without one is an error."""
+    belt = Layout.load("layout", "fog_belt")
+    free, clear = (collect([belt], VEHICLE, exploration(num_sequences=20, start=start)) for start in ("free", "clear"))
+    differs = [(each["position"][:, 0] != each["true_position"][:, 0]).any(-1) for each in (free, clear)]
+    assert differs[0].any() and not differs[1].any()
+    x = clear["true_position"][:, 0, 0]
+    assert ((x < 0.5) | (x > 2.5)).all() and (x < 0.5).any() and (x > 2.5).any()
+    with pytest.raises(ValueError, match="has no free place outside fog for a vehicle"):
+        collect([fog()], VEHICLE, exploration(start="clear"))
+
+
+def test_nothing_is_seen_in_fog_where_the_layout_says_so() -> None:
+    """Views of the dark belt: empty where the report is off, and those of the other belt elsewhere."""
+    lit, dark = (
+        collect([Layout.load("layout", name)], VEHICLE, exploration()) for name in ("fog_belt", "fog_belt_dark")
+    )
+    np.testing.assert_array_equal(lit["true_position"], dark["true_position"])
+    in_fog = (dark["position"] != dark["true_position"]).any(-1)[:, :-1]
+    assert in_fog.any() and not in_fog.all()
+    assert not dark["view"][in_fog].any() and lit["view"][in_fog].any()
+    np.testing.assert_array_equal(dark["view"][~in_fog], lit["view"][~in_fog])

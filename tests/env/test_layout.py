@@ -101,7 +101,7 @@ def test_bad_input_is_named_with_call_key_value_and_remedy(changes: dict[str, An
     assert [part for part in parts if part not in message] == [], message
 
 
-@pytest.mark.parametrize("key", sorted(set(Layout.model_fields) - {"acts"}))
+@pytest.mark.parametrize("key", sorted(set(Layout.model_fields) - {"acts", "views_in_fog"}))
 def test_a_missing_key_is_named(key: str) -> None:
     content = {name: value for name, value in read("layout", "original").items() if name != key}
     with pytest.raises(ConfigError, match=f"^conf/layout/x.yaml: {key} is missing; add the key.$"):
@@ -163,7 +163,7 @@ def test_a_file_without_the_rule_is_written_as_before_there_was_one(name: str) -
     for written in (layout.model_dump(mode="json"), layout.plain, json.loads(layout.model_dump_json())):
         assert written == content
     circles = [circle | {"painted": None} for circle in content["circles"]]
-    assert layout.complete() == content | {"acts": "rim", "circles": circles}
+    assert layout.complete() == content | {"acts": "rim", "views_in_fog": True, "circles": circles}
     assert Layout.load("layout", name, acts="center").plain == content | {"acts": "center"}
 
 
@@ -361,3 +361,25 @@ def test_doors_are_open_from_the_first_visit_of_a_key() -> None:
     np.testing.assert_array_equal(seen[:2], view(layout.map, path[:2]))
     np.testing.assert_array_equal(seen[2:], view(layout.opened.map, path[2:]))
     assert (seen[0] != seen[3]).any()
+
+
+def test_the_dark_belt_is_the_belt_in_whose_fog_nothing_is_seen() -> None:
+    """The files differ in this key only; what is hidden are the circles of fog."""
+    lit, dark = (Layout.load("layout", name) for name in ("fog_belt", "fog_belt_dark"))
+    assert dark == lit.model_copy(update={"name": "fog_belt_dark", "views_in_fog": False})
+    assert lit.map.hidden == ()
+    assert dark.map.hidden == tuple((each.x, each.y, each.radius) for each in lit.circles if each.effect == "fog")
+
+
+@pytest.mark.parametrize("name", ["fog_belt", "fog"])
+@pytest.mark.parametrize("acts", ["center", "rim"])
+def test_in_fog_equals_distances_computed_one_by_one(name: str, acts: str) -> None:
+    """Plain loops over places and circles, for a vehicle of 0.06 u."""
+    layout = Layout.load("layout", name, acts=acts)
+    places = np.random.default_rng(0).uniform((0, 0), layout.size, (50, 4, 2))
+    reach = 0.06 * (acts == "rim")
+    expected = [
+        any(math.dist(place, each.center) < each.radius + reach for each in layout.circles if each.effect == "fog")
+        for place in places.reshape(-1, 2)
+    ]
+    assert layout.in_fog(places, 0.06).ravel().tolist() == expected and any(expected) and not all(expected)

@@ -208,3 +208,23 @@ def test_gradients_reach_the_actions_as_finite_differences_say(differentiable: b
         path = rollout(whole.transition, through, Situation(position, delta, ()), variable)
         (other,) = torch.autograd.grad((weights * torch.stack(tuple(path))).sum(), variable)
         assert (other - gradient).abs().max() > 1e-2
+
+
+def test_a_code_that_is_given_is_that_of_the_first_step() -> None:
+    """Against a look-up that gives it in the first step, and what is looked up afterwards."""
+    whole = stack(*SEEDS, context_size=3)
+    position, delta, actions = situation()
+    start, exact = Situation(position, delta, ()), ExactLookup(whole, [WORLD])
+    given = torch.rand(len(SEEDS), AGENTS, 3, generator=torch.Generator().manual_seed(1))
+    calls = []
+
+    def lookup(positions: Tensor) -> Tensor:
+        calls.append(positions)
+        first = given.repeat_interleave(N, dim=1)
+        return first if len(calls) == 1 else exact(positions)
+
+    expected = rollout(whole.transition, lookup, start, actions)  # type: ignore[arg-type]
+    found = rollout(whole.transition, exact, start, actions, code=given)
+    torch.testing.assert_close(found.mean, expected.mean)
+    torch.testing.assert_close(found.log_std, expected.log_std)
+    assert (found.mean - rollout(whole.transition, exact, start, actions).mean).abs().max() > 1e-3

@@ -148,7 +148,7 @@ def test_help_comes_without_other_words() -> None:
         (["--context-size", "4"], "none of 4"),
         (["--transition", "gru"], "none is 'gru'"),
         (["--world", "mars"], "conf/layout/mars.yaml does not exist"),
-        (["exp9"], "exp9 does not exist"),
+        (["exp11"], "exp11 does not exist"),
         (["exp1", "--world", "fog"], "'fog' has channels"),
     ],
 )

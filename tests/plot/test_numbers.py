@@ -177,7 +177,7 @@ def test_runs_are_drawn_as_their_table() -> None:
 def test_wrong_tables_are_told_in_a_sentence() -> None:
     runs, agent = make_runs(), affmap.load("exp1")
     for wrong, message in (
-        (lambda: affmap.plot.boxes("exp9", "mean_distance"), "exp9 is no report with tables/runs.csv: give a table"),
+        (lambda: affmap.plot.boxes("exp11", "mean_distance"), "exp11 is no report with tables/runs.csv: give a table"),
         (lambda: affmap.plot.boxes(agent, "mean_distance"), r"^Agent\(1 member, .* is no report with tables/runs.csv"),
         (lambda: affmap.plot.losses(runs), "no column 'epoch'; it has agent, context_size, member"),
         (lambda: affmap.plot.losses(make_losses(), by="beta"), "no column 'beta'; it has context_size"),

@@ -1,0 +1,1 @@
+"""Experiment IX, through the fog."""
