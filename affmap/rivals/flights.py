@@ -9,12 +9,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from affmap.control.controller import Observation
 from affmap.data.collect import free_position
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
-from affmap.rivals.policy import STATE, pixels_of, state_of
+from affmap.rivals.policy import CHANGE, STATE
 from affmap.view import PIXELS
 
 
@@ -63,5 +62,8 @@ class Flights(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def _features(observation: Mapping[str, np.ndarray]) -> np.ndarray:
-    one = Observation.of([observation])
-    return np.concatenate([state_of(one).numpy()[0], pixels_of(one).numpy()[0]])
+    """What a policy's network is given, its state and its pixels, `[6 + K x 121]`."""
+    position, delta, goal = (observation[key] for key in ("position", "delta", "goal"))
+    return np.concatenate(
+        [position, CHANGE * delta, goal - position, observation["view"].ravel()], dtype=np.float32, casting="unsafe"
+    )

@@ -46,7 +46,7 @@ class Reinforced:
         """Train the next member."""
         learned = train(self._settings, self._seeds[self.num_rounds], self._layouts, self._vehicle)
         for layer, own in zip(self.network.layers, learned, strict=True):
-            layer.weight[self.num_rounds], layer.bias[self.num_rounds] = own.weight.T, own.bias
+            layer.weight[self.num_rounds], layer.bias[self.num_rounds] = own.weight.detach().T, own.bias.detach()
         self.num_rounds += 1
 
     def state(self) -> dict[str, Any]:
@@ -69,15 +69,11 @@ def train(settings: Reinforcement, seed: int, layouts: Sequence[Layout], vehicle
         "MlpPolicy",
         vehicles,
         n_steps=ROLLOUT // settings.num_vehicles,
+        batch_size=settings.batch_size,
         policy_kwargs={"net_arch": list(settings.hidden_sizes)},
         seed=integer(seed, "reinforcement learning"),
         device="cpu",
     )
     learner.learn(settings.steps)
-    policy = learner.policy
-    return [
-        each
-        for part in (policy.mlp_extractor.policy_net, policy.action_net)
-        for each in part.modules()
-        if isinstance(each, torch.nn.Linear)
-    ]
+    parts = learner.policy.mlp_extractor.policy_net, learner.policy.action_net
+    return [layer for part in parts for layer in part.modules() if isinstance(layer, torch.nn.Linear)]

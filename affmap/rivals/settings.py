@@ -99,6 +99,8 @@ class Reinforcement(Rival, defaults="rival/ppo"):
     """Steps in the world, of all vehicles together; rounded up to whole rollouts of 2048."""
     num_vehicles: Annotated[Count, Field(le=2048)] = preset()
     """Vehicles that fly side by side; each has 2048 / num_vehicles steps in a rollout."""
+    batch_size: Annotated[Count, Field(le=2048)] = preset()
+    """Steps in an update."""
     num_steps: Count = preset()
     """Steps of a flight."""
 
