@@ -61,6 +61,8 @@ class Imitator(ABC):
         """Learn for a round."""
         self.prepare()
         settings = self._settings
+        for group in self._optimizer.param_groups:
+            group["lr"] = settings.learning_rate * settings.decay**self.num_rounds
         rngs = [generator(seed, "examples of a policy", self.num_rounds) for seed in self._seeds]
         for _ in range(settings.updates):
             drawn = [self.draw(member, settings.batch_size, rng) for member, rng in enumerate(rngs)]

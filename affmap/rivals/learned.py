@@ -9,6 +9,7 @@ import torch
 
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
+from affmap.model.layers import StackedLinear
 from affmap.random import integer
 from affmap.rivals.flights import Flights
 from affmap.rivals.policy import Network
@@ -46,6 +47,7 @@ class Reinforced:
         """Train the next member."""
         learned = train(self._settings, self._seeds[self.num_rounds], self._layouts, self._vehicle)
         for layer, own in zip(self.network.layers, learned, strict=True):
+            assert isinstance(layer, StackedLinear)
             layer.weight[self.num_rounds], layer.bias[self.num_rounds] = own.weight.detach().T, own.bias.detach()
         self.num_rounds += 1
 

@@ -52,7 +52,7 @@ class Network(nn.Module):
             squash: whether outputs, too, pass through a tanh; else they are clipped where they are executed.
         """
         super().__init__()
-        self._squash = squash
+        self._num_members, self._squash = len(generators), squash
         num_pixels = num_channels * PIXELS**2
         self.view = StackedLinear(generators, num_pixels, view_units) if view_units else None
         sizes = [STATE + (view_units or num_pixels), *hidden_sizes, 4]
@@ -74,8 +74,8 @@ class Network(nn.Module):
 
     def act(self, observation: Observation) -> Tensor:
         """Throttles `[B, 4]` of B vehicles, the same number for each member (member-major)."""
-        members = len(self.layers[0].weight)
-        inputs = (part.unflatten(0, (members, -1)) for part in (state_of(observation), pixels_of(observation)))
+        shape = self._num_members, -1
+        inputs = (part.unflatten(0, shape) for part in (state_of(observation), pixels_of(observation)))
         return throttles(self(*inputs)).flatten(0, 1)
 
 

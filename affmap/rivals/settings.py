@@ -54,7 +54,9 @@ class Imitation(Rival):
     batch_size: Count = preset()
     """Examples in an update."""
     learning_rate: Positive = preset()
-    """Of Adam."""
+    """Of Adam, in the first round."""
+    decay: Annotated[Positive, Field(le=1)] = preset()
+    """Factor on the learning rate after each round."""
 
 
 class Cloning(Imitation, defaults="rival/cloning"):
