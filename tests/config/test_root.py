@@ -185,7 +185,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("variation", "number/2.5", "is no number of obstacles"),
     ("variation", "contact/30", "would stop the vehicle for good"),
     ("variation", "goal/0.1", "puts goals 0.1 u away, and control.goal_radius = 0.1 would count runs"),
-    ("rival.kind", "chess", "'none', 'cloning', 'distilled'"),
+    ("rival.kind", "chess", "'none' or 'cloning' or 'distilled' or 'ppo'"),
     ("rival.steps", 1000, "not a known key"),
     ("rival_share", 0.0, "greater than 0"),
     ("rival_share", 1.5, "less than or equal to 1"),
