@@ -37,7 +37,7 @@ setup: $(READY)  ## create the virtual environment, with what experiments need
 
 $(TOOLS): $(READY)
 $(READY): CONTENT := affmap, PyTorch and the packages they need
-$(READY): EXTRAS :=
+$(READY): EXTRAS := [rl]
 $(TOOLS): CONTENT := tools for tests, checks and documentation
 $(TOOLS): EXTRAS := [dev,docs]
 $(VENV)-bench/.ready: CONTENT := affmap and the libraries that it is timed beside

@@ -37,7 +37,7 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Any:
     ("part", "num_contenders", "extra", "num_rows"),
     [
         ("training", [3, 2, 2], "growth", 2 + 2 + 2 + 3),
-        ("planning", [2, 4, 5], "costs", 1),
+        ("planning", [2, 4, 5, 2, 2], "costs", 1),
         ("simulation", [4, 2], "control_step", 4),
         ("lookups", [4, 2, 2], "maps", 2),
     ],
@@ -59,7 +59,7 @@ def test_every_part_runs_at_toy_size(
     if part == "planning":
         peers = load("peers").available()
         batched = sum(peer.batched for peer in peers)
-        num_contenders = [2 + 2 * len(peers), 4 + len(peers) + 2 * batched, 5]
+        num_contenders = [2 + 2 * len(peers), 4 + len(peers) + 2 * batched, 5, 2, 2]
         num_rows += len(peers)
     monkeypatch.setattr(sys, "argv", ["benchmarks", part, "--rounds", "1", "--output", str(tmp_path)])
     runpy.run_path(str(FOLDER), run_name="__main__")

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from html.parser import HTMLParser
+from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -25,6 +26,7 @@ TINY = [
 COARSE = "lookup.spacing=0.25"
 SIZES, SIZE = "model.context_size=0,1", "model.context_size=8"  # a block for each channel
 PAPER = [name for name in ROOMS if is_of_paper(name)]
+RIVALS = "none,distilled,cloning" + (",ppo,ppo_million" if find_spec("stable_baselines3") else "")
 CLAIMS = {
     "exp1": ("I", range(1, 9), 2 * 2),
     "exp2": ("II", range(1, 4), 3 * 2),
@@ -39,6 +41,7 @@ CLAIMS = {
     "exp8_fog": ("VIII", range(19, 28), 5),
     "exp8_worlds": ("VIII", range(28, 35), 4 * 2),
     "exp9": ("IX", range(1, 9), 3 * 2),
+    "exp10": ("X", range(5, 10), len(RIVALS.split(",")) * 3),
     "exp10_factors": ("X", range(1, 5), 48),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""
@@ -67,6 +70,7 @@ for line in lines:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the commands leave behind, all in one process, because most of their time is imports."""
     lines = [[f"experiment={name}", SIZES if name in PAPER else SIZE] for name in ROOMS]
+    lines[ROOMS.index("exp10")] += [f"rival={RIVALS}"]
     script = f"{SCRIPT}\ncall(paper.main, {SIZES!r})\ncall(paper.main, '--beyond', {SIZE!r})"
     return made(lines, script, [*TINY, COARSE], tmp_path_factory.mktemp("paper"))
 
@@ -108,7 +112,7 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 def test_nothing_is_computed_twice(place: Path) -> None:
     """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
     with V's data and five, two of them with these data, VII one, its doors one, VIII ten with I's
-    and IV's data, and X one with I's data."""
+    and IV's data, and X one with I's data, which its rivals share."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")

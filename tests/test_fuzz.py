@@ -341,7 +341,9 @@ LINES: dict[str, list[str]] = {
     "of them out": ["output=a,b", "threads=1,2", "model.context_size=1,1.0"],
     "twice; give": ["model.context_size=1,1", "planner=cem,cem"],
     "in two jobs": ["seed=0,1"],
-    "is a key of": ["experiment=exp1|planner.num_elites=3", "planner.decay=0.9", "agent=random|agent.std=1"],
+    "is a key of": [
+        "experiment=exp1|planner.num_elites=3", "planner.decay=0.9", "agent=random|agent.std=1", "rival.steps=1",
+    ],
     "variable of make": ["JOBS=1", "SCALE=smoke", "MODELS=reference", "ARGS="],
     "does not exist; ": [
         "planner=", "planner=oracle", "planner=../cem", "experiment=", "experiment=exp99", "experiment=../exp1",
@@ -376,6 +378,7 @@ LINES: dict[str, list[str]] = {
         "report.compare=training.batch_sizes", "report.compare=data.seed.x", "report.compare=world",
     ],
     "growth of its own": ["growth=exp3"],
+    "instead of the agent": ["rival=ppo|agent=random"],
     "GiB": [
         "members=1000000", "data.num_sequences=1000000|data.num_steps=1000", "lookup.spacing=1e-6",
         "planner.horizon=1000000|planner.num_candidates=1000", "report.map_spacing=1e-6",

@@ -13,18 +13,22 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import line
+from safetensors.numpy import load_file
 
 from affmap import pipeline
 from affmap.config import sweep
-from affmap.pipeline.stage import BLOCKS, CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition
+from affmap.pipeline.policy import WEIGHTS
+from affmap.pipeline.stage import BLOCKS, CONTROL, DATA, MAP, POLICIES, PREDICT, TRAIN, StageDefinition
 from affmap.results.setting import Setting
 
 STORED = Path(__file__).parent / "golden" / "toy"
 VERSIONS = STORED / "versions.json"
 DEFINITIONS = {definition.name: definition for definition in (DATA, TRAIN, PREDICT, MAP, BLOCKS, CONTROL)}
+DEFINITIONS |= {f"policy_of_{source}": POLICIES[source] for source in ("data", "plans")}
 TOY = ["world=fog", "acts=rim", "training.snapshot_epochs=[1]"]
 SWEEP = [*TOY, "model.context_size=2", "planner=cem,gradient"]
 WITH_BLOCKS = [*TOY, "model.context_size=4", "planner=cem", "model/transition=split"]
+WITH_POLICIES = [*TOY, "model.context_size=2", "planner=cem", "rival=cloning,distilled", "rival_share=0.002"]
 TOLERANCE = 1e-3
 """Relative and absolute, as in `tests/test_splits.py`: another processor rounds differently."""
 
@@ -40,22 +44,32 @@ def moments(folder: Path, name: str, arrays: tuple[str, ...]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def weights(job: Setting) -> pd.DataFrame:
+    """Means and spreads of the weights of policies."""
+    arrays = load_file(job.folders["policy"][0] / WEIGHTS)
+    return pd.DataFrame([{"array": key, "mean": part.mean(), "spread": part.std()} for key, part in arrays.items()])
+
+
 NUMBERS: dict[str, Callable[[Setting], pd.DataFrame]] = {
     "data": lambda job: moments(job.data[0], "dataset.npz", ("position", "action", "view")),
     "train": lambda job: pd.read_csv(job.train[0] / "validation.csv"),
     "predict": lambda job: pd.read_csv(job.predict[0] / "steps.csv"),
     "map": lambda job: moments(job.map[0], "maps.npz", ("codes", "initial_codes")),
     "blocks": lambda job: pd.read_csv(job.blocks[0] / "shares.csv"),
+    "policy_of_data": weights,
+    "policy_of_plans": weights,
     "control": lambda job: pd.read_csv(job.control[0] / "runs.csv"),
 }
 """Stage -> its numbers as a table."""
 
 
 def run(folder: Path) -> dict[str, pd.DataFrame]:
-    """The numbers of the toy run, stage by stage; those of control are of both planners, blocks of another model."""
-    lines = [line(folder, *overrides) for overrides in (SWEEP, WITH_BLOCKS)]
-    *jobs, other = [pipeline.run(config) for each in lines for config in sweep.jobs(sweep.complete(each))]
-    chosen = {"control": jobs, "blocks": [other]}
+    """The numbers of the toy run, stage by stage; those of control are of both planners, others of further jobs."""
+    lines = [line(folder, *overrides) for overrides in (SWEEP, WITH_BLOCKS, WITH_POLICIES)]
+    *jobs, other, cloning, distilled = [
+        pipeline.run(config) for each in lines for config in sweep.jobs(sweep.complete(each))
+    ]
+    chosen = {"control": jobs, "blocks": [other]} | {"policy_of_data": [cloning], "policy_of_plans": [distilled]}
     return {
         stage: pd.concat([read(job) for job in chosen.get(stage, jobs[:1])], ignore_index=True)
         for stage, read in NUMBERS.items()

@@ -28,7 +28,8 @@ from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
-from affmap.settings import Count, Folder, Line, Name, NamePath, Neutral, Seed, Settings, lies_in, names
+from affmap.rivals.settings import NONE, ROLLOUT, AnyRival, Reinforcement, Rival
+from affmap.settings import Count, Folder, Line, Name, NamePath, Neutral, Positive, Seed, Settings, lies_in, names
 from affmap.settings.messages import format_value
 from affmap.training.settings import TrainingSettings
 
@@ -123,6 +124,10 @@ class Config(Settings):
     lookup: LookupSettings
     planner: AnyPlanner
     agent: Annotated[AnyAgent, Neutral(PLANNER)]
+    rival: Annotated[AnyRival, Neutral(NONE)]
+    """A policy that flies instead of the agent."""
+    rival_share: Annotated[Positive, Neutral(1.0), Field(le=1)]
+    """Share of a rival's updates, flights or steps of training; less for toy runs."""
     control: ControlSettings
     report: ReportSettings
 
@@ -281,6 +286,22 @@ class Config(Settings):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _check_rival(self) -> Self:
+        if not isinstance(self.rival, Rival):
+            return self
+        if self.agent != PLANNER:
+            raise ValueError(
+                f"rival = {self.rival.kind!r} flies instead of the agent, and agent = {self.agent.kind!r} would; say "
+                "agent=planner or rival=none."
+            )
+        if isinstance(self.rival, Reinforcement) and ROLLOUT % self.rival.num_vehicles:
+            raise ValueError(
+                f"rival.num_vehicles = {self.rival.num_vehicles} does not share a rollout of {ROLLOUT} steps in equal "
+                "parts; make it a power of 2."
+            )
+        return self
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the K channels of a view."""
@@ -288,13 +309,20 @@ class Config(Settings):
 
     @property
     def controller(self) -> str:
-        """The kind of the planner, or of an agent that has none, as in tables."""
+        """The kind of the planner, or of an agent that has none, or the name of a rival, as in tables."""
+        if isinstance(self.rival, Rival):
+            return self.rival.name
         return self.planner.kind if self.agent == PLANNER else self.agent.kind
 
     @property
     def seeds(self) -> range:
         """The members' seeds, M of them."""
         return range(self.seed, self.seed + self.members)
+
+    @property
+    def pilots(self) -> range:
+        """Seeds of the members that fly: all, or the first ones, where a rival has fewer."""
+        return self.seeds[: self.rival.members] if isinstance(self.rival, Rival) else self.seeds
 
 
 def label(config: Config) -> str:

@@ -20,6 +20,7 @@ from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
 from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
 from affmap.model.stack import Stack
+from affmap.pipeline.policy import load_policy
 from affmap.pipeline.progress import track
 from affmap.pipeline.train import trained
 from affmap.random import generator
@@ -30,18 +31,22 @@ from affmap.settings.messages import counted
 from affmap.store.attempt import Attempt
 
 
-def make_runs(config: Config, train: Path, attempt: Attempt) -> None:
-    """Fly all runs; write their table, trajectories and layouts."""
-    stack = trained(config, train).to(config.control.device)
+def make_runs(config: Config, train: Path, policy: Path | None, attempt: Attempt) -> None:
+    """Fly all runs; write their table, trajectories and layouts. A rival flies with its `policy`."""
     tasks = _tasks(config)
     layouts, vehicle, settings = [task.layout for task in tasks], tasks[0].vehicle, tasks[0].settings
-    lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
-    controller = _controller(config, stack, lookup, layouts, vehicle)
-    num_runs = config.members * config.control.runs_per_member
+    controller: Controller
+    if policy:
+        controller, stack, lookup = load_policy(config, policy), None, None
+    else:
+        stack = trained(config, train).to(config.control.device)
+        lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
+        controller = _controller(config, stack, lookup, layouts, vehicle)
+    num_runs = len(config.pilots) * config.control.runs_per_member
     with track(
         f"control, {label(config)}: {counted(num_runs, 'run')}", settings.num_steps, "steps", attempt.progress
     ) as update:
-        runs = control(controller, layouts, vehicle, settings, config.seeds, update)
+        runs = control(controller, layouts, vehicle, settings, config.pilots, update)
     values: dict[Factor, Value] = {
         LAYOUT: config.control_layout.name,
         PLANNER: config.controller,
@@ -86,7 +91,7 @@ def _tasks(config: Config) -> list[Task]:
     They differ in their layouts only.
     """
     layout, variation = config.control_layout, config.variation
-    keys = [(seed, run) for seed in config.seeds for run in range(config.control.runs_per_member)]
+    keys = [(seed, run) for seed in config.pilots for run in range(config.control.runs_per_member)]
     if isinstance(layout, Layout):
         layouts = [layout] * (len(keys) if variation and variation.is_random else 1)
     else:
@@ -99,10 +104,10 @@ def _tasks(config: Config) -> list[Task]:
 
 
 def _lookup_error(
-    config: Config, stack: Stack, lookup: Lookup, layouts: Sequence[Layout], positions: np.ndarray
+    config: Config, stack: Stack | None, lookup: Lookup | None, layouts: Sequence[Layout], positions: np.ndarray
 ) -> np.ndarray:
-    """Mean error of context codes along paths `[B, T + 1, 2]` (u), in the worlds as runs begin: `[B]`."""
-    if config.lookup.spacing == 0 or stack.context_size == 0:
+    """Mean error of context codes along paths `[B, T + 1, 2]` (u), in the worlds as runs begin: `[B]`; 0 of rivals."""
+    if stack is None or lookup is None or config.lookup.spacing == 0 or stack.context_size == 0:
         return np.zeros(len(positions))
     exact = ExactLookup(stack, [layout.map for layout in layouts])
     paths = torch.from_numpy(positions).to(config.control.device).unflatten(0, (config.members, -1))

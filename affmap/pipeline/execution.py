@@ -5,6 +5,7 @@ Imports everything that stages are made with, which takes seconds; `affmap.pipel
 
 import logging
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,22 @@ from affmap.pipeline.blocks import make_blocks
 from affmap.pipeline.collect import make_data
 from affmap.pipeline.control import make_runs
 from affmap.pipeline.job import as_setting, check_models, check_trials, incomplete, open_store
-from affmap.pipeline.machine import check_devices, check_logger
+from affmap.pipeline.machine import check_devices, check_logger, check_rival
 from affmap.pipeline.paint import make_maps
+from affmap.pipeline.policy import make_policies
 from affmap.pipeline.predict import make_predictions
-from affmap.pipeline.stage import BLOCKS, CONTROL, DATA, MAP, PREDICT, TRAIN, StageDefinition, stages_of
+from affmap.pipeline.stage import (
+    BLOCKS,
+    CONTROL,
+    DATA,
+    MAP,
+    PREDICT,
+    TRAIN,
+    StageDefinition,
+    control_of,
+    policy_of,
+    stages_of,
+)
 from affmap.pipeline.train import make_models
 from affmap.results import files
 from affmap.results.setting import Setting
@@ -38,15 +51,23 @@ def run(config: Config) -> Setting:
     check_models(config)
     check_trials(config)
     check_logger(config)
+    check_rival(config)
     _set_up(config)
     data, train = models(config, (TRAIN, CONTROL))
     make: dict[StageDefinition, Callable[[Attempt], None]] = {
         PREDICT: lambda attempt: make_predictions(config, data, train, attempt),
         MAP: lambda attempt: make_maps(config, train, attempt),
         BLOCKS: lambda attempt: make_blocks(config, train, attempt),
-        CONTROL: lambda attempt: make_runs(config, train, attempt),
     }
-    others = [_ensure(config, stage, (CONTROL,), make[stage]) for stage in stages_of(config) if stage in make]
+    folders = {
+        stage.name: _ensure(config, stage, (CONTROL,), make[stage]) for stage in stages_of(config) if stage in make
+    }
+    if policy := policy_of(config):
+        folders[policy.name] = _ensure(
+            config, policy, (CONTROL,), lambda attempt: make_policies(config, data, train, attempt)
+        )
+    fly = partial(make_runs, config, train, folders.get("policy"))
+    others = [*folders.values(), _ensure(config, control_of(config), (CONTROL,), fly)]
     log.info("%s: complete", label(config))
     return as_setting(config, (data, train, *others))
 

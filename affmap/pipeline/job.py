@@ -9,7 +9,7 @@ from typing import Any
 from affmap.config.root import Config
 from affmap.config.sweep import Sweep
 from affmap.control.registry import is_learned
-from affmap.pipeline.stage import CONTROL, MAP, TRAIN, StageDefinition, stages_of
+from affmap.pipeline.stage import CONTROL, MAP, TRAIN, StageDefinition, control_of, stages_of
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Setting, Value
 from affmap.settings import ConfigError
 from affmap.store.provenance import canonical
@@ -153,8 +153,8 @@ def check_members(sweep: Sweep) -> None:
         ConfigError: a member is in two jobs.
     """
     jobs: dict[str, list[tuple[range, str]]] = {}
-    rest = {*MAP.all_keys, *CONTROL.all_keys} - {"seed", "members"}
     for config, label in zip(sweep.configs, sweep.labels, strict=True):
+        rest = {*MAP.all_keys, *control_of(config).all_keys} - {"seed", "members"}
         jobs.setdefault(canonical(config.part(rest)), []).append((config.seeds, label))
     for same in jobs.values():
         for (one, label), (other, other_label) in pairwise(sorted(same, key=lambda job: job[0].start)):

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 
 from affmap.config.root import Config
 from affmap.pipeline.stage import CONTROL, TRAIN, StageDefinition
+from affmap.rivals.settings import Reinforcement
 from affmap.settings import missing
 from hydra_plugins.hyperopt_sweeper import FinalError
 
@@ -24,6 +25,16 @@ def check_logger(config: Config) -> None:
     """
     if config.logger != "csv" and not find_spec(config.logger):
         raise MachineError(f"{missing(f'logger = {config.logger!r}', config.logger)}, or say logger=csv.")
+
+
+def check_rival(config: Config) -> None:
+    """Make sure that the library of a rival's training is installed.
+
+    Raises:
+        MachineError: it is not.
+    """
+    if isinstance(config.rival, Reinforcement) and not find_spec("stable_baselines3"):
+        raise MachineError(f"{missing(f'rival = {config.rival.kind!r}', 'rl')}, or leave it out of the sweep.")
 
 
 def check_devices(config: Config, planned: Collection[StageDefinition]) -> None:

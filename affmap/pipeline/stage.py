@@ -6,10 +6,11 @@ of its own.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from affmap.config.root import Config
+from affmap.rivals.settings import Rival, Source
 from affmap.store.stage import Stage
 
 
@@ -57,8 +58,28 @@ CONTROL = StageDefinition(
     version=2,
 )
 
+POLICIES: dict[Source, StageDefinition] = {
+    "data": StageDefinition("policy", ("rival", "rival_share", "seed", "members"), needs=DATA),
+    "plans": StageDefinition("policy", ("rival", "rival_share", "lookup", "planner", "control"), needs=TRAIN),
+    "worlds": StageDefinition("policy", ("rival", "rival_share", "training_layouts", "vehicle", "seed", "members")),
+}
+"""Only of rivals; they depend on the source of a policy alone."""
+
+
+def policy_of(config: Config) -> StageDefinition | None:
+    """The stage that trains the policy of a rival."""
+    return POLICIES[config.rival.source] if isinstance(config.rival, Rival) else None
+
+
+def control_of(config: Config) -> StageDefinition:
+    """The stage of control; of a rival, it starts from the policy."""
+    policy = policy_of(config)
+    return replace(CONTROL, keys=(*CONTROL.all_keys, "rival"), needs=policy) if policy else CONTROL
+
 
 def stages_of(config: Config) -> tuple[StageDefinition, ...]:
     """The kinds of stages that a job has, in order."""
     has_blocks = config.model.code.in_blocks and config.model.context_size > 0
-    return (DATA, TRAIN, PREDICT, MAP, *((BLOCKS,) if has_blocks else ()), CONTROL)
+    policy = policy_of(config)
+    blocks, policies = ((BLOCKS,) if has_blocks else ()), ((policy,) if policy else ())
+    return (DATA, TRAIN, PREDICT, MAP, *blocks, *policies, control_of(config))

@@ -17,8 +17,8 @@ from affmap.view import EXTENT
 
 Value = bool | int | float | str
 
-STAGES = ("data", "train", "predict", "map", "blocks", "control")
-"""Kinds of stages, in order; `blocks` only of models whose codes have blocks."""
+STAGES = ("data", "train", "predict", "map", "blocks", "policy", "control")
+"""Kinds of stages, in order; `blocks` only of models whose codes have blocks, `policy` only of rivals."""
 
 
 class PlannerName(NamedTuple):

@@ -19,6 +19,7 @@ from peers import SETTINGS, Peer, Plan, available
 from affmap import compiled
 from affmap.config import sweep
 from affmap.control.agent import Agent, ControlSettings, Observation
+from affmap.control.controller import Controller
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
@@ -29,6 +30,8 @@ from affmap.pipeline.stage import TRAIN
 from affmap.planning.gradient import GradientPlanner
 from affmap.planning.planner import Objective
 from affmap.random import generator, integer
+from affmap.rivals.policy import Network, Policy
+from affmap.rivals.settings import Distillation
 from affmap.settings import folder
 from affmap.store.store import Store
 
@@ -166,7 +169,36 @@ def results(rounds: int) -> list[Result]:
         *compare("planning, 1 agent", UNIT, single, flop, rounds),
         *compare(work, UNIT, [*together, *apart], flop, rounds),
         *compare(f"gradient planning, {num_agents} agents", UNIT, _gradient(agents), rounds=rounds),
+        *compare("acting, 1 agent", UNIT, _acting(agents.alone(0), repeats=20), rounds=rounds),
+        *compare(f"acting, {num_agents} agents", UNIT, _acting(agents), rounds=rounds),
     ]
+
+
+def _acting(agents: Agents, repeats: int = 1) -> list[Contender]:
+    """A whole step of the agent, from sensations to actions, and of a policy of the size of the distilled one.
+
+    Its weights are not trained, on which its time does not depend.
+    """
+    num_agents, seeds = len(agents.start.goal), agents.stack.seeds
+    rival = Distillation.load("rival", "distilled")
+    channels = agents.start.view.shape[1]
+    weights = [torch.Generator().manual_seed(seed) for seed in seeds]
+    controllers = {
+        "affmap": Agent(agents.stack, agents.lookup, SETTINGS, agents.settings),
+        "distilled policy": Policy(Network(weights, channels, rival.hidden_sizes, rival.view_units)),
+    }
+
+    def contender(name: str, controller: Controller) -> Contender:
+        generators = [generator(agent, "planner") for agent in range(num_agents)]
+        state = controller.initial(num_agents)
+
+        def run() -> None:
+            for _ in range(repeats):
+                controller.act(agents.start, state, generators)
+
+        return Contender(name, run, num_agents * repeats)
+
+    return [contender(name, controller) for name, controller in controllers.items()]
 
 
 def _gradient(agents: Agents) -> list[Contender]:

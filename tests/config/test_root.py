@@ -22,7 +22,7 @@ from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural
 from affmap.env.rules import Rules
 from affmap.pipeline.job import open_store
-from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN
+from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN, control_of
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
 from affmap.settings import ConfigError, folder
@@ -149,7 +149,7 @@ def test_every_job_of_every_experiment_at_every_scale_can_be_used(experiment: st
     actual = jobs(experiment, scale)
     swept = compose.values(compose.compose([f"experiment={experiment}"]))["sweep"]
     assert len(actual) == math.prod(len(str(value).split(",")) for value in swept.values())
-    assert len({CONTROL.of(job).digest for job in actual}) == len(actual)
+    assert len({control_of(job).of(job).digest for job in actual}) == len(actual)
     for job in actual:
         assert job.name == experiment
         assert (job.notice is None) == (scale == "full") == (job.output == Path("runs") / experiment)
@@ -185,6 +185,10 @@ BAD: list[tuple[str, Any, str]] = [
     ("variation", "number/2.5", "is no number of obstacles"),
     ("variation", "contact/30", "would stop the vehicle for good"),
     ("variation", "goal/0.1", "puts goals 0.1 u away, and control.goal_radius = 0.1 would count runs"),
+    ("rival.kind", "chess", "'none' or 'cloning' or 'distilled' or 'ppo'"),
+    ("rival.steps", 1000, "not a known key"),
+    ("rival_share", 0.0, "greater than 0"),
+    ("rival_share", 1.5, "less than or equal to 1"),
     ("acts", "edge", "'center' or 'rim'"),
     ("acts", True, "'center' or 'rim'"),
     ("baselines", "oracle", "valid tuple"),
@@ -296,7 +300,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("report.compare", 3, "valid string"),
     ("report.x", 3, "valid string"),
     ("report.color", 3, "valid string"),
-    ("report.claims", "exp99", "there are: exp1, exp10_factors, exp2"),
+    ("report.claims", "exp99", "there are: exp1, exp10, exp10_factors, exp2"),
     ("report.names", "EB", "valid dictionary"),
     ("report.names", {"cem": "_EB"}, "begin it with another character, since legends leave it out"),
     ("report.outcome", "luck", "'mean_distance' or 'success'"),
@@ -373,6 +377,29 @@ def test_bad_values_of_learning_online_are_named(kind: str) -> None:
             checked(values, members=1)
 
 
+@pytest.mark.parametrize("kind", ["cloning", "distilled", "ppo", "ppo_million"])
+def test_bad_values_of_rivals_are_named(kind: str) -> None:
+    """Single keys, and keys that do not go together."""
+    values = by_hand(rival=kind)
+    for key, value in values["rival"].items():
+        if type(value) in (int, float):
+            with pytest.raises(ConfigError, match=rf"rival.{key} = -1 is not allowed"):
+                checked(values, **{f"rival__{key}": -1})
+    for changes, sentence in (
+        ({"rival__hidden_sizes": [0]}, r"rival.hidden_sizes.* should be greater than 0"),
+        ({"rival__name": ""}, r"rival.name = '' is not allowed"),
+        ({"rival__kind": "none"}, r"is not a known key"),
+        ({"agent": {"kind": "random"}}, r"rival = '.*' flies instead of the agent, .* say agent=planner or rival=none"),
+    ):
+        with pytest.raises(ConfigError, match=sentence):
+            checked(values, **changes)
+    if kind.startswith("ppo"):
+        with pytest.raises(ConfigError, match=r"rival.num_vehicles = 6 does not share a rollout of 2048 steps"):
+            checked(values, rival__num_vehicles=6)
+    assert checked(values).controller == kind
+    assert list(checked(values, rival__members=2).pilots) == [0, 1]
+
+
 def test_every_key_of_every_group_has_a_bad_value_above() -> None:
     """A key that is added without one fails here."""
     listed = {key for key, _, _ in BAD}
@@ -399,7 +426,7 @@ NEUTRAL = {
 
 
 def test_every_missing_key_is_named(values: Values) -> None:
-    """Nothing has a default in the code, but for three keys that configurations did not have at first."""
+    """Nothing has a default in the code, but for keys that configurations did not have at first."""
     for group in [key for key, value in values.items() if isinstance(value, dict) and key != "sweep"]:
         for key in set(values[group]) - NEUTRAL.get(group, set()):
             lacking = {**values, group: {other: value for other, value in values[group].items() if other != key}}
@@ -407,7 +434,7 @@ def test_every_missing_key_is_named(values: Values) -> None:
                 Config.checked(lacking, "the test")
     for key in values:
         lacking = {other: value for other, value in values.items() if other != key}
-        if key in ("agent", "learning", "variation"):
+        if key in ("agent", "learning", "rival", "rival_share", "variation"):
             assert Config.checked(lacking, "the test") == checked(values)
             continue
         with pytest.raises(ConfigError, match=rf"{key} is missing; add the key"):
@@ -580,6 +607,8 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("agent", {"kind": "true_mean", "std": 0.0005}, "control"),
     ("agent", {"kind": "true_deviation", "std": 0.0005}, "control"),
     ("agent", {"kind": "straight", "foresight": 8, "slow_distance": 0.3}, "control"),
+    ("rival", {"kind": "none"}, ""),  # others in tests/pipeline/test_policy.py
+    ("rival_share", 0.5, ""),
     ("training.accelerator", "gpu", ""),
     ("control.device", "cuda", ""),
     ("threads", 4, ""),

@@ -1,0 +1,1 @@
+"""Experiment X, rivals."""

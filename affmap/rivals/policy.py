@@ -1,0 +1,106 @@
+"""A policy: a small network from sensations to throttles, and the controller that flies with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from affmap.control.controller import Decision, Observation
+from affmap.model.layers import Generators, StackedLinear, tanh
+from affmap.planning import planner
+from affmap.view import PIXELS
+
+STATE = 6
+"""Numbers of the position, its change, and the way to the goal."""
+
+CHANGE = 10.0
+"""Factor on changes of position (u/step), which are about a tenth of positions and ways (u)."""
+
+
+def state_of(observation: Observation) -> Tensor:
+    """Position (u), its change (0.1 u/step) and the way to the goal (u), `[..., 6]`."""
+    position, delta, _, goal = observation
+    return torch.cat([position, CHANGE * delta, goal - position], dim=-1)
+
+
+def pixels_of(observation: Observation) -> Tensor:
+    """The view as numbers, 0 or 1, `[..., K x 121]`."""
+    return observation.view.flatten(-3).to(observation.position.dtype)
+
+
+class Network(nn.Module):
+    """M multilayer perceptrons side by side, with tanh between their layers."""
+
+    def __init__(
+        self,
+        generators: Generators,
+        num_channels: int,
+        hidden_sizes: Sequence[int],
+        view_units: int = 0,
+        squash: bool = True,
+    ) -> None:
+        """Draw the weights of M members, each from its own generator.
+
+        Args:
+            generators: one a member.
+            num_channels: K, of a view.
+            hidden_sizes: units of each hidden layer.
+            view_units: units of a layer that sees the view alone; 0: the first hidden layer sees all.
+            squash: whether outputs, too, pass through a tanh; else they are clipped where they are executed.
+        """
+        super().__init__()
+        self._num_members, self._squash = len(generators), squash
+        num_pixels = num_channels * PIXELS**2
+        self.view = StackedLinear(generators, num_pixels, view_units) if view_units else None
+        sizes = [STATE + (view_units or num_pixels), *hidden_sizes, 4]
+        self.layers = nn.ModuleList(StackedLinear(generators, *pair) for pair in pairwise(sizes))
+
+    @property
+    def num_parameters(self) -> int:
+        """Number of weights and biases of a member."""
+        return sum(each[0].numel() for each in self.parameters())
+
+    def forward(self, state: Tensor, pixels: Tensor) -> Tensor:
+        """Outputs `[M, N, 4]` for states `[M, N, 6]` and pixels `[M, N, K x 121]`: 1 opens a throttle, -1 closes it."""
+        seen = tanh(self.view(pixels)) if self.view is not None else pixels
+        values = torch.cat([state, seen], dim=-1)
+        *hidden, last = self.layers
+        for layer in hidden:
+            values = tanh(layer(values))
+        return tanh(last(values)) if self._squash else last(values)
+
+    def act(self, observation: Observation) -> Tensor:
+        """Throttles `[B, 4]` of B vehicles, the same number for each member (member-major)."""
+        shape = self._num_members, -1
+        inputs = (part.unflatten(0, shape) for part in (state_of(observation), pixels_of(observation)))
+        return throttles(self(*inputs)).flatten(0, 1)
+
+
+def throttles(outputs: Tensor) -> Tensor:
+    """Openings in [0, 1] for outputs of a network."""
+    return ((outputs + 1) / 2).clamp(0, 1)
+
+
+class Policy:
+    """A controller that acts as a network says; it predicts nothing, remembers nothing, and nothing is random.
+
+    Attributes:
+        network: of M members.
+    """
+
+    def __init__(self, network: Network) -> None:
+        """Fly with a network, whose weights cease to require gradients."""
+        self.network = network.requires_grad_(False)
+
+    def __repr__(self) -> str:
+        return f"Policy({self.network.num_parameters} parameters)"
+
+    def initial(self, num_problems: int) -> None:
+        """Return no state: nothing is remembered."""
+
+    def act(self, observation: Observation, state: None, generators: planner.Generators) -> tuple[Decision, None]:
+        """Act for B vehicles, the same number for each member (member-major); see `Controller.act`."""
+        return Decision.without_prediction(self.network.act(observation)), None

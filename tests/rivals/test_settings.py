@@ -1,0 +1,16 @@
+"""Settings of rivals."""
+
+import pytest
+
+from affmap.rivals.settings import Cloning, Distillation, Reinforcement, Rival
+
+ALL = [Cloning.load("rival", "cloning"), Distillation.load("rival", "distilled"), Reinforcement.load("rival", "ppo")]
+
+
+@pytest.mark.parametrize("rival", ALL, ids=[rival.name for rival in ALL])
+def test_a_share_of_the_effort_changes_nothing_else(rival: Rival) -> None:
+    """A tenth of the updates, flights or steps, rounded up; the whole is the same."""
+    tenth = rival.scaled(0.1)
+    for key, value in dict(rival).items():
+        assert getattr(tenth, key) == (-(-value // 10) if key in rival.efforts else value)
+    assert rival.scaled(1.0) == rival and rival.efforts
