@@ -149,7 +149,7 @@ def _caption(kinds: Sequence[Kind], has_fog: bool) -> str:
     rounds = "a round in a world with fog" if in_turn else "a round"
     return (
         "Agents that learn online, by the steps that they have made. A: validation loss, median and quartiles over "
-        f"models{dashed}. B: share of the free cells that an agent has visited, and C: share of the steps "
-        f"of {rounds} at whose end it {share}, mean and standard deviation over agents. Below: the places that the first "
+        f"models{dashed}. B: share of the free cells that an agent has visited, and C: share of the steps of "
+        f"{rounds} at whose end it {share}, mean and standard deviation over agents. Below: the places that the first "
         "agent of each kind had visited, and how often; free cells that it had not are red."
     )
