@@ -63,11 +63,13 @@ def main() -> None:
 
 
 def _score(given: Namespace, line: str) -> None:
+    if given.name is not None and not given.name.strip():
+        raise ConfigError("--name is empty; give the agent a name, or leave it out.")
     protocol = load_protocol(given.protocol)
     if given.output:
         leaderboard.check_folder(arguments.folder(given.output))
     agent = _agent(given, protocol)
-    name, begun = given.name or _name(given.source, agent), time.perf_counter()
+    name, begun = _name(given.source, agent) if given.name is None else given.name, time.perf_counter()
     with limited(1), extensions.blamed(given.source, "flying") if _is_own(given.source) else nullcontext():
         runs = protocol.fly(agent, reported)
     members, rules = len(seeds_of(agent)), {"name": protocol.name, "digest": protocol.digest}

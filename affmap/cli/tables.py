@@ -37,7 +37,9 @@ def show(folder: Path) -> None:
         table = pd.read_csv(path)
         out.print(claims(table))
         if (few := table["members"].between(1, MIN_MEMBERS - 1)).any():
-            out.print(f"Tests need at least {MIN_MEMBERS} members; here are {table.loc[few, 'members'].max()}.")
+            out.print(
+                f"Tests need at least {MIN_MEMBERS} members; there are at most {table.loc[few, 'members'].max()} here."
+            )
 
 
 def claims(table: pd.DataFrame) -> Table:

@@ -61,8 +61,10 @@ class Factor:
 def _number(task: Task, value: float, rng: np.random.Generator) -> Task:
     """Remove obstacles drawn at random, or add some of the same size at random places."""
     obstacles = list(task.layout.obstacles)
-    if not value.is_integer() or value < 0 or not obstacles:
-        raise ConfigError(f"{value:g} is no number of obstacles, or the layout has none to begin with.")
+    if not value.is_integer() or value < 0:
+        raise ConfigError(f"{value:g} is no number of obstacles; give a whole one, 0 or more.")
+    if not obstacles:
+        raise ConfigError(f"layout {task.layout.name!r} has no obstacle that others could be like; choose another.")
     kept = sorted(rng.permutation(len(obstacles))[: int(value)])
 
     def draw() -> list[Circle]:
@@ -78,6 +80,8 @@ def _number(task: Task, value: float, rng: np.random.Generator) -> Task:
 
 def _place(task: Task, value: float, rng: np.random.Generator) -> Task:
     """Move each obstacle by a distance (u) in a direction of its own, one after the other."""
+    if value < 0:
+        raise ConfigError(f"{value:g} is no distance; give a number from 0 up.")
 
     def draw() -> list[Circle]:
         obstacles = list(task.layout.obstacles)

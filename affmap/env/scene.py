@@ -66,7 +66,8 @@ class Scene(NamedTuple):
     layout: Layout
     radius: float
     position: np.ndarray
-    goal: np.ndarray
+    goal: np.ndarray | None
+    """None where it flies to nowhere in particular."""
     goal_radius: float = 0.0
     """Distance at which the goal counts as reached; 0 is not shown."""
     action: np.ndarray | None = None
@@ -115,7 +116,7 @@ class Scene(NamedTuple):
             "throttles": [([here - rim * d, here - end * d],) for d, end in zip(THROTTLES, full, strict=False)],
             "vehicle": [(here, np.full(2, self.radius))],
             "reach": [(self.goal, np.full(2, self.goal_radius))] if self.goal_radius else [],
-            "goal": [(self.goal + size["goal"] * stroke,) for stroke in CROSS],
+            "goal": [] if self.goal is None else [(self.goal + size["goal"] * stroke,) for stroke in CROSS],
         }
         marks = circle_marks(self.layout, self.ground is None)
         for name, layer in LAYERS.items():

@@ -23,6 +23,12 @@ from affmap.store.files import guarded_read
 from affmap.training.fit import keep, last
 
 
+def beginners(config: Config, settings: AnyOnlineLearning) -> Learners:
+    """Agents that have learned nothing yet."""
+    stack = Stack(config.model, len(config.channels), config.seeds)
+    return Learners(stack, config.training_layouts, config.vehicle, config.data, settings, config.training)
+
+
 def make_learners(config: Config, settings: AnyOnlineLearning, data: Path, attempt: Attempt) -> None:
     """Let agents learn online; write weights, losses and where they were.
 
@@ -32,8 +38,7 @@ def make_learners(config: Config, settings: AnyOnlineLearning, data: Path, attem
     training = config.training
     batches = DataModule(data / DATASET, config.data, training.batch_size, training.chunk_length)
     held_out = [chunk for chunks in batches.val_dataloader() for chunk in chunks]
-    stack = Stack(config.model, len(config.channels), config.seeds)
-    learners = Learners(stack, config.training_layouts, config.vehicle, config.data, settings, training)
+    learners = beginners(config, settings)
     losses: list[Tensor] = []
     snapshots: dict[int, dict[str, Tensor]] = {}
     if checkpoint := last(attempt.scratch):
@@ -49,13 +54,13 @@ def make_learners(config: Config, settings: AnyOnlineLearning, data: Path, attem
             own = learners.round()
             losses.append(torch.stack([own, learners.evaluate(held_out)]))
             if learners.num_rounds in training.snapshot_epochs:
-                snapshots[learners.num_rounds] = copy(stack)
+                snapshots[learners.num_rounds] = copy(learners.stack)
             state = {"learners": learners.state(), "losses": losses, "snapshots": snapshots}
             keep(attempt.scratch, partial(torch.save, state))
             update(learners.num_rounds, f"validation {losses[-1][1].quantile(0.5):.2f} nats")
     for number, weights in snapshots.items():
         save(weights, attempt.folder / SNAPSHOT.format(epoch=f"{number:03d}"))
-    save(copy(stack), attempt.folder / WEIGHTS)
+    save(copy(learners.stack), attempt.folder / WEIGHTS)
     write_validation(attempt.folder, _table(config.seeds, losses))
     write_experience(attempt.folder, _experience(learners))
 

@@ -86,7 +86,8 @@ def film(
         scenes = [paths.scene(run, step, first, vehicle(agent).radius) for step in range(paths.action.shape[1])]
         near = agent.settings.goal_radius
         scenes = [scene._replace(goal_radius=near, ground=grounds.get(scene.layout)) for scene in scenes]
-        films.append(_pictures(_with_ways(scenes, bring(agent, first), first), title))
+        goal = paths.goal[run]
+        films.append(_pictures(_with_ways(scenes, bring(agent, first), first, goal), title, goal))
     for pictures in zip(*films, strict=True):
         gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
         row = [part for picture in pictures for part in (picture, gap)]
@@ -101,31 +102,41 @@ def _grounds(stack: Stack, layout: Layout) -> dict[Layout, np.ndarray]:
     return {world: palette(each) for world, each in zip(worlds, codes, strict=True)}
 
 
-def _with_ways(scenes: Sequence[Scene], agent: Controller, layout: Layout) -> Iterator[Scene]:
+def _with_ways(scenes: Sequence[Scene], agent: Controller, layout: Layout, goal: np.ndarray) -> Iterator[Scene]:
     """Scenes of a flight that began in a layout, with the ways and times of the map that guides the agent, if any."""
     if not isinstance(agent, PlanningAgent) or agent.settings.guide == "none":
         yield from scenes
         return
-    made = TimeToGo.imagine(agent, scenes[0].goal)
+    made = TimeToGo.imagine(agent, goal)
     maps = {layout: made, layout.opened: made.opened or made}
     times = {world: each.lines() for world, each in maps.items()}
     for scene in scenes:
         yield scene._replace(way=maps[scene.layout].paths(scene.position)[0], times=times[scene.layout])
 
 
-def _pictures(scenes: Iterable[Scene], title: str) -> Iterator[Frame]:
-    """Frames of a flight, with a line above each."""
-    pygame.font.init()
-    font = pygame.font.Font(None, HEAD)
+def _pictures(scenes: Iterable[Scene], title: str, goal: np.ndarray) -> Iterator[Frame]:
+    """Frames of a flight to a goal."""
     for step, scene in enumerate(scenes):
-        canvas = Canvas(scene.layout.size, window=False, pixels_per_unit=SCALE)
-        canvas.draw(scene)
-        distance = float(np.hypot(*(scene.position - scene.goal)))
-        line = font.render(f"{title}: step {step}, {distance:.2f} u to the goal", True, BLACK)
-        head = pygame.Surface((canvas.surface.get_width(), HEAD))
-        head.fill(WHITE)
-        head.blit(line, (2, 3))
-        yield np.concatenate([pygame.surfarray.array3d(head).transpose(1, 0, 2), canvas.array()])
+        distance = float(np.hypot(*(scene.position - goal)))
+        yield captioned(scene, f"{title}: step {step}, {distance:.2f} u to the goal")
+
+
+def captioned(scene: Scene, text: str, scale: int = SCALE) -> Frame:
+    """The picture of a moment, with a line above it.
+
+    Args:
+        scene: the moment.
+        text: of the line.
+        scale: pixels a unit.
+    """
+    pygame.font.init()
+    canvas = Canvas(scene.layout.size, window=False, pixels_per_unit=scale)
+    canvas.draw(scene)
+    line = pygame.font.Font(None, HEAD).render(text, True, BLACK)
+    head = pygame.Surface((canvas.surface.get_width(), HEAD))
+    head.fill(WHITE)
+    head.blit(line, (2, 3))
+    return np.concatenate([pygame.surfarray.array3d(head).transpose(1, 0, 2), canvas.array()])
 
 
 def write(path: Path, frames: Iterator[Frame], every: int) -> None:
@@ -152,6 +163,17 @@ def check(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(path.parent, os.W_OK):
         raise ConfigError(f"--output {path}: nothing can be written there.")
+
+
+def check_counts(arguments: argparse.Namespace) -> None:
+    """Check the flags that count steps.
+
+    Raises:
+        ConfigError: one is below 1.
+    """
+    for key in ("steps", "every"):
+        if getattr(arguments, key) is not None and getattr(arguments, key) < 1:
+            raise ConfigError(f"--{key} {getattr(arguments, key)} should be 1 or more.")
 
 
 def main() -> None:
@@ -190,9 +212,7 @@ def main() -> None:
 
 def _render(arguments: argparse.Namespace) -> None:
     check(arguments.output)
-    for key in ("steps", "every"):
-        if getattr(arguments, key) is not None and getattr(arguments, key) < 1:
-            raise ConfigError(f"--{key} {getattr(arguments, key)} should be 1 or more.")
+    check_counts(arguments)
     frames = film(
         arguments.source,
         arguments.context_size,

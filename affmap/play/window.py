@@ -68,7 +68,7 @@ class Window:
         self.game, self.shown = game, Shown()
         self.paused, self.open = False, True
         self._held: Held | None = None
-        _find_screen()
+        find_screen()
         self._fit()
         self._clock = pygame.time.Clock()
 
@@ -247,7 +247,7 @@ class Window:
         return 0 <= x <= width and 0 <= y <= height
 
 
-def _find_screen() -> None:
+def find_screen() -> None:
     """Check that there is a screen for a window.
 
     Raises:
@@ -258,7 +258,9 @@ def _find_screen() -> None:
     except pygame.error as error:
         raise ConfigError(f"there is no screen to open a window on ({error}).") from None
     if pygame.display.get_driver() in ("dummy", "offscreen") and "SDL_VIDEODRIVER" not in os.environ:
-        raise ConfigError("there is no screen to open a window on; affmap-render makes films without one.")
+        raise ConfigError(
+            "there is no screen to open a window on; affmap-render and affmap-learn make films without one."
+        )
 
 
 def _next(options: Sequence[T], now: T) -> T:

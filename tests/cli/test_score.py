@@ -143,6 +143,7 @@ def test_agents_that_there_are_need_no_module(
             ["straight", "--planner", "cem"],
             "--planner chooses among trained agents, and straight is none; leave it out.",
         ),
+        (["straight", "--name", " "], "--name is empty; give the agent a name, or leave it out."),
         (["straight", "--guide", "none"], "--guide none is for agents that plan, and straight does not; leave it out."),
         (["straight", "--output", "."], "folder = '.' is not allowed: it should be the path of a folder"),
         (["straight", "--output", "conf"], "conf cannot hold the runs of an agent: conf holds no report. Name another"),

@@ -239,6 +239,7 @@ def test_other_texts_are_named_with_the_factors_there_are(text: str) -> None:
         ("number", -1.0, "-1 is no number of obstacles"),
         ("number", 50.0, "no room for an obstacle was found"),
         ("place", 2.0, "no room for an obstacle was found"),
+        ("place", -0.1, "-0.1 is no distance; give a number from 0 up"),
         ("mass", -1.0, "mass = -1.0 is not allowed: it should be greater than 0"),
         ("radius", 0.5, "blocks the start corner"),
         ("contact", 30.0, "would stop the vehicle for good"),

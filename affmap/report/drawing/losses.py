@@ -93,8 +93,12 @@ def in_order(column: "pd.Series[Any]", names: Mapping[Value, str]) -> list[Value
 
 
 def _cut_bands(ax: Axes) -> None:
-    """End the axis half its curves' height above and below them where shades of single outliers would flatten them."""
-    heights = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.get_lines()] or [np.zeros(1)])
+    """End the axis half its curves' height above and below them where outliers would flatten them.
+
+    These are shades of single members, and the beginnings of curves, a tenth of their epochs.
+    """
+    curves = [np.asarray(line.get_ydata(), float) for line in ax.get_lines()]
+    heights = np.concatenate([curve[len(curve) // 10 :] for curve in curves] or [np.zeros(1)])
     low, high = np.nanmin(heights), np.nanmax(heights)
     bottom, top = ax.get_ylim()
     if np.isfinite(high - low) and top - bottom > FLATTENED * (high - low) > 0:

@@ -224,7 +224,7 @@ def shrink_names(ax: Axes, names: Iterable[str]) -> None:
         ax.tick_params(axis="x", labelsize=6)
 
 
-HALF_PAGE = 36
+HALF_PAGE = 35
 """More letters than these would overlap there."""
 
 

@@ -24,6 +24,9 @@ EARLIER = (0.1, 0.4)
 LINEAR = 10.0
 """Losses (nats) beyond which the axis is logarithmic."""
 
+BEGIN = 0.1
+"""Share of the rounds, the first, whose losses may be cut off."""
+
 
 class Kind(NamedTuple):
     """A kind of learning."""
@@ -54,9 +57,12 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     _shares(coverage, online, [kind.experience.coverage for kind in online if kind.experience])
     coverage.set(ylabel="share of free cells", ylim=(0, 1))
     coverage.set_title("B  Coverage", loc="left")
-    has_fog = any(circle.effect == "fog" for kind in online for layout in kind.layouts for circle in layout.circles)
-    where = "in_fog" if has_fog else "touching"
-    _shares(share, online, [getattr(kind.experience, where) for kind in online])
+    foggy = [["fog" in layout.effects for layout in kind.layouts] for kind in online]
+    has_fog = any(each for layouts in foggy for each in layouts)
+    if has_fog:
+        _shares(share, online, [kind.experience.in_fog for kind in online if kind.experience], foggy)
+    else:
+        _shares(share, online, [kind.experience.touching for kind in online if kind.experience])
     share.set(ylabel="share of steps", ylim=(0, None))
     share.set_title("C  In fog" if has_fog else "C  Touching a surface", loc="left")
     above.legend(*losses.get_legend_handles_labels(), loc="outside lower center", ncols=len(kinds), frameon=False)
@@ -88,17 +94,27 @@ def _losses(ax: Axes, kinds: Sequence[Kind]) -> None:
             ax.fill_between(kind.experience.steps, low, high, color=kind.color, alpha=0.18, lw=0)
         else:
             ax.axhline(middle[-1], color=kind.color, label=kind.name, lw=1.3, ls=(0, (4, 2)))
-    if max(np.median(kind.losses, axis=1).max() for kind in kinds) > LINEAR:
+    later = np.concatenate([np.median(kind.losses, axis=1)[math.ceil(BEGIN * len(kind.losses)) :] for kind in kinds])
+    low, high = later.min(), later.max()
+    if high > LINEAR:
         ax.set_yscale("symlog", linthresh=LINEAR)
+    elif high > low:
+        ax.set_ylim(low - 0.1 * (high - low), min(ax.get_ylim()[1], high + 0.5 * (high - low)))
     ax.set(xlabel="steps of an agent", ylabel=METRICS["validation_nll"].label)
     ax.set_title("A  Validation loss", loc="left")
 
 
-def _shares(ax: Axes, online: Sequence[Kind], shares: Sequence[Floats]) -> None:
-    """Draw mean and standard deviation over agents of shares `[A, R]`."""
-    for kind, share in zip(online, shares, strict=True):
+def _shares(
+    ax: Axes, online: Sequence[Kind], shares: Sequence[Floats], where: Sequence[Sequence[bool]] | None = None
+) -> None:
+    """Draw mean and standard deviation over agents of shares `[A, R]`.
+
+    With `where`, one value for each layout of a kind, rounds in the other layouts are left out.
+    """
+    for kind, share, chosen in zip(online, shares, where or [[True]] * len(online), strict=True):
         if kind.experience:
-            mean, std, steps = share.mean(0), share.std(0), kind.experience.steps
+            rounds = np.resize(chosen, share.shape[1])
+            mean, std, steps = share.mean(0)[rounds], share.std(0)[rounds], kind.experience.steps[rounds]
             ax.plot(steps, mean, color=kind.color, lw=1.3)
             ax.fill_between(steps, np.maximum(mean - std, 0), mean + std, color=kind.color, alpha=0.18, lw=0)
     ax.set_xlabel("steps of an agent")
@@ -128,10 +144,12 @@ def _visits(experience: Experience) -> Floats:
 def _caption(kinds: Sequence[Kind], has_fog: bool) -> str:
     offline = [kind.name for kind in kinds if not kind.experience]
     dashed = f"; dashed: {listed(offline)}, at the end of the training" if offline else ""
+    in_turn = has_fog and max(len(kind.layouts) for kind in kinds) > 1
     share = "was in fog" if has_fog else "touched an obstacle or a border"
+    rounds = "a round in a world with fog" if in_turn else "a round"
     return (
         "Agents that learn online, by the steps that they have made. A: validation loss, median and quartiles over "
-        f"models{dashed}. B: share of the free cells that an agent has visited, and C: share of the steps of a round "
-        f"at whose end it {share}, mean and standard deviation over agents. Below: the places that the first agent of "
-        "each kind had visited, and how often; free cells that it had not are red."
+        f"models{dashed}. B: share of the free cells that an agent has visited, and C: share of the steps of "
+        f"{rounds} at whose end it {share}, mean and standard deviation over agents. Below: the places that the first "
+        "agent of each kind had visited, and how often; free cells that it had not are red."
     )
