@@ -130,7 +130,8 @@ def _units(ax: Axes, flight: Flight) -> None:
     ax.fill_between(
         np.arange(steps) + 0.5, -0.12 * size, 0, where=inside, color="#9ecae1", step="mid", lw=0, clip_on=False
     )
-    ax.axvline(_end(flight), color="black", lw=0.8, ls="--")
+    if flight.paths.reached[RUN].any():
+        ax.axvline(_end(flight), color="black", lw=0.8, ls="--")
     ax.set(ylim=(size, -0.12 * size), yticks=[])
 
 
