@@ -683,6 +683,16 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
     assert f"succeeds in {crowded[1]}, one with blocks that act in turn in {crowded[2]}, and so does an oracle" in text
     opened, closed = (percent("exp7_doors", agent, "doors", "lookahead") for agent in ("time_to_go", "horizon_80"))
     assert f"With the map {opened} of the runs succeed, without it {closed}" in text
+    gru, gate, mlp = (
+        percent("exp9", model, "fog_belt", "model_transition", "reached") for model in ("gru", "gatel0rd", "mlp")
+    )
+    assert f"{gru} and {gate} of the runs get through two gaps of 0.6 u (without a hidden state {mlp})" in text
+    fog = pd.read_csv(ROOT / "runs/reference/exp9/tables/claims.csv").set_index(["claim", "part"])["effect"]
+    errors = fog["IX-3", "GRU"], fog["IX-3", "GateL0RD"], fog["IX-3", "GRU"] - fog["IX-7", "GRU, views in fog"]
+    told = (
+        "{:.2f} u from where it is (gated recurrent units; GateL0RD {:.2f} u), which is half the error without a hidden"
+    )
+    assert told.format(*errors) in text and f"state, {errors[2]:.2f} u, and six times the goal." in text
     varied = pd.read_csv(ROOT / "runs/reference/exp10_factors/tables/claims.csv").query(
         "claim == 'X-1' and part != 'all'"
     )

@@ -21,7 +21,7 @@ from affmap.gaussian import Gaussian
 from affmap.model.transition import Carry
 
 NEAR = 0.05
-"""u; error of a belief that must be reckoned with: contacts add a few hundredths in fog."""
+"""u; error of a belief that is reckoned with at the rim. Box2D and its twin differ in contacts, and errors add up."""
 
 _AROUND = NEAR * np.array([[0, 0], *([math.cos(angle), math.sin(angle)] for angle in np.arange(8) * math.pi / 4)])
 
@@ -62,7 +62,10 @@ class Filter(Oracle):
         return Gaussian(mean, (0.5 * steps.log() + math.log(self.step_std))[:, None].expand_as(mean))
 
     def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
-        """Predict the next step, see `PlanningAgent.predict`: the place, seen from the report."""
-        path, here = self.imagine(observation, action[:, None, None], carry), self.believed(observation, carry)
-        expected = path.mean[:, 0, 0]
-        return (expected[None], here.position[None]), Gaussian(expected - observation.position, path.log_std[:, 0, 0])
+        """Predict the next step, see `PlanningAgent.predict`: the change to the next report, which fog makes noisy."""
+        here = self.believed(observation, carry)
+        expected = self.true_path(here, action[:, None, None])[:, 0, 0]
+        in_fog = self._twin.in_fog(self._worlds(len(expected), len(expected)), expected.cpu().numpy())
+        variance = torch.from_numpy(in_fog * self.vehicle.fog_std**2 + self.step_std**2).to(expected)
+        delta = Gaussian(expected - observation.position, (0.5 * variance.log())[:, None].expand_as(expected))
+        return (expected[None], here.position[None]), delta

@@ -336,7 +336,7 @@ def test_baselines_are_those_that_are_named() -> None:
     assert flown(["experiment=exp1", "agent=planner,random"]) == [(agent, "original", 0, 25) for agent in AGENTS]
     for line in ([], ["experiment=exp1", "baselines=[]"], ["experiment=exp1", "report.compare=planner"]):
         assert Sweep.read(line).baselines() is None and Sweep.read(line).companions() == []
-    with pytest.raises(ConfigError, match=r"^agent = 'moon' does not exist; there are: oracle, "):
+    with pytest.raises(ConfigError, match=r"^agent = 'moon' does not exist; there are: filter, oracle, "):
         Sweep.read(["experiment=exp1", "baselines=[moon]"]).baselines()
 
 

@@ -1,5 +1,7 @@
 """The agent that keeps track of its place in fog: beliefs against the true places of flights in Box2D."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
@@ -61,16 +63,22 @@ def observed(env: VehicleEnv, actions: int) -> list[tuple[Observation, np.ndarra
 
 
 def test_beliefs_are_carried_from_step_to_step() -> None:
-    """By hand along a flight to the right through fog: the belief before each step is the true place."""
+    """By hand along a flight to the right through fog: the belief before each step is the true place.
+
+    The next report is predicted there, with the noise of fog if that is where the step ends.
+    """
     agent, env = Filter([PLAIN], VEHICLE, PLANNER, SETTINGS), VehicleEnv(PLAIN, VEHICLE)
-    carry, off = agent.initial_carry(1), []
-    for observation, place, action in observed(env, 30):
+    carry, off, deviations = agent.initial_carry(1), [], []
+    for (observation, place, action), (_, after, _) in pairwise(observed(env, 30)):
         believed = agent.believed(observation, carry)
         np.testing.assert_allclose(believed.position[0], place, atol=0.01)
         off.append((observation.position[0] - torch.tensor(place)).norm().item())
         carry, delta = agent.predict(observation, torch.tensor(action)[None], carry)
-        assert delta.mean.shape == (1, 2)
-    assert max(off) > 1  # reports were of no use
+        np.testing.assert_allclose((observation.position + delta.mean)[0], after, atol=0.01)
+        deviations.append(delta.log_std.exp()[0].tolist())
+        std = 1.0 if PLAIN.in_fog(after, VEHICLE.radius) else 0.0005
+        np.testing.assert_allclose(deviations[-1], [std, std], rtol=1e-4)
+    assert max(off) > 1 and min(deviations) < [0.1] < max(deviations)  # reports were of no use, for a while
 
 
 @pytest.mark.parametrize("shift", [0.03, 0.3])

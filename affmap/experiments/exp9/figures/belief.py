@@ -14,6 +14,9 @@ from affmap.results.tables import Results
 LONGEST = 30
 """Steps into fog that are shown."""
 
+SMALLEST = 1e-4
+"""u; smaller errors are drawn there."""
+
 FEWEST = 5
 """Moments, over all runs, of which an error is shown."""
 
@@ -44,7 +47,8 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
         "Distance between believed and true position by the number of steps since the vehicle entered fog, root of the "
         "mean square over all runs. Who believes a report is off by 1.41 u. Dashed: the goal, less than "
         f"{NEAR:g} u after {STEPS} steps. Runs that have left the fog no longer count, so that those that are lost "
-        "weigh more and more.",
+        "weigh more and more. Errors below "
+        f"{SMALLEST:g} u are drawn there.",
     )
 
 
@@ -53,4 +57,4 @@ def _curve(ax: Axes, paths: Trajectories, color: str, name: str) -> None:
     squares, since = belief.errors(paths) ** 2, belief.steps_in_fog(paths)
     steps = [step for step in range(1, LONGEST + 1) if (since == step).sum() >= FEWEST]
     errors = [np.sqrt(squares[since == step].mean()) for step in steps]
-    ax.plot(steps, np.maximum(errors, 1e-4), color=color, lw=1.3, label=name)
+    ax.plot(steps, np.maximum(errors, SMALLEST), color=color, lw=1.3, label=name)

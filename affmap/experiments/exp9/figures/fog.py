@@ -63,7 +63,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn:
     """Draw and caption the figure."""
     layout = LIT if LIT in results.layouts else results.layouts[0]
     chosen = results.where({LAYOUT.key: layout})
-    figure = new_figure(3.6)
+    figure = new_figure(4.1)
     grid = figure.subplots(2, len(chosen), squeeze=False, height_ratios=[3, 2])
     with limited(1):
         flights = [fly_again(results, setting) for setting in chosen]
@@ -130,8 +130,9 @@ def _units(ax: Axes, flight: Flight) -> None:
     ax.fill_between(
         np.arange(steps) + 0.5, -0.12 * size, 0, where=inside, color="#9ecae1", step="mid", lw=0, clip_on=False
     )
-    ax.axvline(_end(flight), color="black", lw=0.8, ls="--")
-    ax.set(ylim=(size, -0.12 * size), yticks=[0, size])
+    if flight.paths.reached[RUN].any():
+        ax.axvline(_end(flight), color="black", lw=0.8, ls="--")
+    ax.set(ylim=(size, -0.12 * size), yticks=[])
 
 
 def _end(flight: Flight) -> int:
