@@ -268,6 +268,23 @@ def test_readme_says_what_agents_that_learn_online_found() -> None:
     assert f"in fog (random {100 * read_experience([random]).in_fog.mean():.0f} %)" in text
 
 
+def test_readme_says_what_rivals_found() -> None:
+    """Means over all runs of each of them."""
+    text = page("README.md")
+    runs = pd.read_csv(ROOT / "runs/reference/exp10/tables/runs.csv")
+    means = runs.groupby(["layout", "planner"])["mean_distance"].mean().map("{:.2f} u".format)
+    home, few = means["original"], means["two_obstacles"]
+    said = (
+        f"the agent is {home['cem']} from its goals on average, PPO {home['ppo']} and behaviour cloning "
+        f"{home['cloning']}",
+        f"With a million steps PPO has {home['ppo_million']}, but {few['ppo_million']} with two obstacles, which are new "
+        f"to both (agent {few['cem']})",
+        f"imitates the agent's plans has {home['distilled']}, and {few['distilled']} there",
+    )
+    for words in said:
+        assert words in text, words
+
+
 def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> None:
     """Every comparison with exact look-ups that did not end as "same" is named."""
     table = pd.read_csv(ROOT / "runs/reference/lookups/tables/lookup_spacing.csv")
@@ -691,7 +708,7 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
     assert crowded[2] == percent("exp6_radii", "given", "procedural_crowded_hard", "learner") == f"{100 * seen:.0f} %"
     verdicts = [
         verdict
-        for name in ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp10_factors")
+        for name in ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp10", "exp10_factors")
         for verdict in pd.read_csv(ROOT / f"runs/reference/{name}/tables/claims.csv")
         .groupby("claim")["verdict"]
         .first()

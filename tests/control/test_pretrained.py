@@ -68,13 +68,14 @@ def test_in_random_worlds_it_is_in_the_first_that_its_member_flew_in() -> None:
     assert isinstance(agent.lookup, AffordanceMap) and agent.lookup.worlds == [world.map]
 
 
-BEYOND = ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp10_factors")
+BEYOND = ("exp6", "exp6_radii", "exp7", "exp7_doors", "exp8", "exp8_fog", "exp10", "exp10_factors")
 
 
 def test_everything_of_the_reference_run_can_be_flown() -> None:
     """Each experiment, each context size; beyond the paper, C is 8, and 0 in Experiment X."""
     assert pretrained.experiments() == [
         "exp1",
+        "exp10",
         "exp10_factors",
         "exp2",
         "exp3",
@@ -198,7 +199,7 @@ def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
         (
             {"source": "exp9"},
-            r"^exp9 does not exist, and is none of .* exp1, exp10_factors, exp2, .* exp7_doors, exp8, exp8_fog\.$",
+            r"^exp9 does not exist, and is none of .* exp1, exp10, exp10_factors, exp2, .* exp7_doors, exp8, exp8_fog\.$",
         ),
         ({"source": "./nothing"}, r"^\./nothing does not exist, and is none of"),
         ({"source": ran}, "is neither the folder of an experiment's report, nor that of a saved agent, nor one of"),
