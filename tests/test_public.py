@@ -280,6 +280,23 @@ def test_readme_says_what_agents_that_learn_online_found() -> None:
     assert "hard worlds {}, {}, {} and {} of their runs".format(*hard) in text
 
 
+def test_readme_says_what_rivals_found() -> None:
+    """Means over all runs of each of them."""
+    text = page("README.md")
+    runs = pd.read_csv(ROOT / "runs/reference/exp10/tables/runs.csv")
+    means = runs.groupby(["layout", "planner"])["mean_distance"].mean().map("{:.2f} u".format)
+    home, few = means["original"], means["two_obstacles"]
+    said = (
+        f"the agent is {home['cem']} from its goals on average, PPO {home['ppo']} and behaviour cloning "
+        f"{home['cloning']}",
+        f"With a million steps PPO has {home['ppo_million']}, but {few['ppo_million']} with two obstacles, which are new "
+        f"to both (agent {few['cem']})",
+        f"imitates the agent's plans has {home['distilled']}, and {few['distilled']} there",
+    )
+    for words in said:
+        assert words in text, words
+
+
 def test_the_page_on_results_says_what_the_comparison_of_look_ups_found() -> None:
     """Every comparison with exact look-ups that did not end as "same" is named."""
     table = pd.read_csv(ROOT / "runs/reference/lookups/tables/lookup_spacing.csv")

@@ -76,7 +76,16 @@ def test_differences_are_of_the_members_that_both_have() -> None:
     assert len(scores(found, AGENT, HOME, "mean_distance")) == 12
     (part,) = next(claim for claim in CLAIMS if claim.name == "X-8").test(found)
     assert part.outcome.members == 5 and part.outcome.effect == pytest.approx(-0.4, abs=0.01)
-    assert part.statement.startswith("agent, original: the mean distance is at most 0.03 u longer")
+    assert part.statement == "agent beside ppo million, original: the mean distance is at most 0.03 u longer."
+
+
+def test_every_part_has_a_name_of_its_own() -> None:
+    """That of the rival, and the layout."""
+    names = [part.name for claim in CLAIMS for part in claim.test(results())]
+    assert names[3:6] == ["ppo, original", "cloning, original", "ppo million, original"]
+    assert all(
+        len({part.name for part in parts}) == len(parts) for parts in (claim.test(results()) for claim in CLAIMS)
+    )
 
 
 def test_rivals_that_did_not_fly_leave_their_claims_untested() -> None:

@@ -44,15 +44,16 @@ def paired(results: Results, first: str, second: str, layout: str, metric: str) 
 
 
 def compared(results: Results, first: str, second: str, layout: str, metric: str, test: Test, says: str) -> Criterion:
-    """Test a metric of two controllers in a layout; `says` is the statement, after the layout."""
+    """Test a metric of two controllers in a layout; `says` is the statement, after names and layout."""
     pair, label = paired(results, first, second, layout, metric), reader_name(layout, results.names)
     names = [reader_name(name, results.names) for name in (first, second)]
     if len(pair.first):
         outcome = test(*pair)
     else:
         outcome = statistics.undecided(claims.SIGNED_RANK, 0, f"needs runs of {' and of '.join(names)} in {label}")
-    part = f"{names[0]}, {label}"
-    return Criterion(part, " minus ".join(names), METRICS[metric].unit, outcome, f"{part}: {says}")
+    rival = names[first == AGENT]
+    says = f"{names[0]} beside {names[1]}, {label}: {says}"
+    return Criterion(f"{rival}, {label}", " minus ".join(names), METRICS[metric].unit, outcome, says)
 
 
 def lower(first: Floats, second: Floats) -> statistics.Outcome:

@@ -13,7 +13,7 @@ from affmap.report.drawing.colors import name_of
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results import examples, failures
 from affmap.results.numbers import counted, number
-from affmap.results.setting import LAYOUT, PLANNER, PLANNERS, ReportSettings, Value
+from affmap.results.setting import LAYOUT, PLANNER, PLANNER, PLANNERS, ReportSettings, Value
 from affmap.results.tables import Results
 
 LETTERS = 90
@@ -83,9 +83,10 @@ def _caption(results: Results, settings: ReportSettings) -> str:
         if results.runs["prediction_error"].notna().any()
         else ""
     )
-    kind = f"with {PLANNERS[planner].method} planning" if planner in PLANNERS else f"by “{planner}”"
+    kind = f" with {PLANNERS[planner].method} planning" if planner in PLANNERS else f" by “{planner}”"
+    kind = "" if results.x == PLANNER else kind  # each panel has its own
     return (
-        f"One moment of each run {kind}. Runs were chosen by rule, not by hand: {examples.example_rule(results)}. "
+        f"One moment of each run{kind}. Runs were chosen by rule, not by hand: {examples.example_rule(results)}. "
         f"{'; '.join(stories)}.{circles} Numbers refer to whole runs.{noise}{some}"
     )
 

@@ -16,7 +16,7 @@ METRIC, SHARE = "mean_distance", "reached"
 COLUMNS = {"distance": 0.0, "difference": 0.24, "reached": 0.86}
 """Columns of a panel and their places, from 0 to 1."""
 
-HEADS = {"distance": "u", "difference": "minus agent", "reached": "there"}
+HEADS = {"distance": "distance", "difference": "minus agent", "reached": "arrived"}
 
 
 class Row(NamedTuple):
