@@ -277,8 +277,8 @@ def test_readme_says_what_rivals_found() -> None:
     said = (
         f"the agent is {home['cem']} from its goals on average, PPO {home['ppo']} and behaviour cloning "
         f"{home['cloning']}",
-        f"With a million steps PPO has {home['ppo_million']}, but {few['ppo_million']} with two obstacles, which are new "
-        f"to both (agent {few['cem']})",
+        f"With a million steps PPO has {home['ppo_million']}, but {few['ppo_million']} with two obstacles, which are "
+        f"new to both (agent {few['cem']})",
         f"imitates the agent's plans has {home['distilled']}, and {few['distilled']} there",
     )
     for words in said:

@@ -12,7 +12,7 @@ from affmap.report.drawing.colors import name_of
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results import examples, failures
 from affmap.results.numbers import counted, number
-from affmap.results.setting import LAYOUT, PLANNER, PLANNER, PLANNERS, ReportSettings, Value
+from affmap.results.setting import LAYOUT, PLANNER, PLANNERS, ReportSettings, Value
 from affmap.results.tables import Results
 
 
