@@ -199,7 +199,7 @@ def test_a_mistake_is_told(ran: Path) -> None:
     for arguments, told in (
         (
             {"source": "exp11"},
-            r"^exp11 does not exist, and is none of .* exp1, exp10_factors, exp2, .* exp7_doors, exp8, exp8_fog, exp9\.$",
+            r"^exp11 does not exist, and is none of .* exp10_factors, exp2, .* exp7_doors, exp8, exp8_fog, exp9\.$",
         ),
         ({"source": "./nothing"}, r"^\./nothing does not exist, and is none of"),
         ({"source": ran}, "is neither the folder of an experiment's report, nor that of a saved agent, nor one of"),
