@@ -394,7 +394,7 @@ def test_corner_squares_that_just_cover_the_start_squares_are_allowed() -> None:
     assert easy(corner_side=0.3).draw(np.random.default_rng(0)).corner(0).max() <= 0.3 + 1e-9
 
 
-@pytest.mark.parametrize("key", sorted(set(Procedural.model_fields) - {"acts"}))
+@pytest.mark.parametrize("key", sorted(set(Procedural.model_fields) - {"acts", "views_in_fog"}))
 def test_a_missing_key_is_named(key: str) -> None:
     content = {name: value for name, value in read("layout", "procedural_easy").items() if name != key}
     with pytest.raises(ConfigError, match=f"^conf/layout/x.yaml: {key} is missing; add the key.$"):
