@@ -47,7 +47,8 @@ def moments(folder: Path, name: str, arrays: tuple[str, ...]) -> pd.DataFrame:
 def weights(job: Setting) -> pd.DataFrame:
     """Means and spreads of the weights of policies."""
     arrays = load_file(job.folders["policy"][0] / WEIGHTS)
-    return pd.DataFrame([{"array": key, "mean": part.mean(), "spread": part.std()} for key, part in arrays.items()])
+    rows = [{"array": key, "mean": float(part.mean()), "spread": float(part.std())} for key, part in arrays.items()]
+    return pd.DataFrame(rows)
 
 
 NUMBERS: dict[str, Callable[[Setting], pd.DataFrame]] = {
