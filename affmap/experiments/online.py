@@ -123,11 +123,11 @@ def beats_random(results: Results, kind: str) -> list[Criterion]:
     return online.compared(kind, RANDOM, metric.unit, online.losses, test)
 
 
-def as_good_after(steps: int) -> str:
-    """What `as_offline` tests of agents that have made so many steps."""
+def as_good_after(steps: int, offline: str) -> str:
+    """What `as_offline` tests of agents that have made so many steps, with the experience of the offline models."""
     return (
-        f"after {steps:,} steps agents predict as well as models that learned offline from 48,000 with as many "
-        f"updates; their loss is at most {NATS:g} nats higher."
+        f"after {steps:,} steps agents predict as well as models that learned offline from {offline}; their loss is at "
+        f"most {NATS:g} nats higher."
     )
 
 

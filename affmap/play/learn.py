@@ -13,11 +13,13 @@ import torch
 from affmap.cli.app import command
 from affmap.cli.parser import Parser
 from affmap.config.compose import check as config_of
+from affmap.env.procedural import load
 from affmap.env.rendering import open_window
+from affmap.env.rules import Rules
 from affmap.env.scene import Scene
 from affmap.env.vehicle import RENDER_FPS
 from affmap.learning.learners import Learners
-from affmap.learning.settings import OfflineLearning
+from affmap.learning.settings import OFFLINE, OfflineLearning
 from affmap.model.lookup import AffordanceMap
 from affmap.model.palette import Palette
 from affmap.pipeline.learn import beginners
@@ -55,7 +57,7 @@ def moments(learners: Learners) -> Iterator[Moment]:
             here, past = flown.true_position[step], flown.true_position[: step + 1]
             scene = Scene(layout, learners.vehicle.radius, here, None, action=action, past=past, ground=ground)
             yield Moment(scene, f"{kind}, step {before + step:,}: {news}")
-        news = f"loss of round {learners.num_rounds} was {losses[0]:.1f} nats".replace("-", "\N{MINUS SIGN}")
+        news = f"training loss of round {learners.num_rounds} was {losses[0]:.1f} nats".replace("-", "\N{MINUS SIGN}")
 
 
 def _ground(learners: Learners) -> np.ndarray | None:
@@ -79,14 +81,21 @@ def learners_of(kind: str, world: str, context_size: int = 8, seed: int = 0) -> 
     Raises:
         ConfigError: there is no such file; or it learns offline; or a value is not allowed.
     """
-    if kind not in (known := names("learning")):
-        raise ConfigError(f"--learning {kind} does not exist; there are: {', '.join(known)}.")
+    if kind not in names("learning"):
+        raise ConfigError(f"--learning {kind} does not exist; there are: {', '.join(_online())}.")
+    if isinstance(load(world), Rules):
+        raise ConfigError(f"--world {world} has rules for worlds, and agents learn in one; name a layout, such as fog.")
     members = read("learning", kind).get("committee", 1)
     values = {"world": world, "learning": kind, "model.context_size": context_size, "seed": seed, "members": members}
     config = config_of([f"{key}={value}" for key, value in values.items()])
     if isinstance(config.learning, OfflineLearning):
-        raise ConfigError(f"--learning {kind} explores first and learns later; name another kind.")
+        raise ConfigError(f"--learning {kind} explores first and learns later; choose {', '.join(_online())}.")
     return beginners(config, config.learning)
+
+
+def _online() -> list[str]:
+    """Names of the files of `conf/learning` of agents that learn while they fly."""
+    return [name for name in names("learning") if name != OFFLINE.kind]
 
 
 def film(learners: Learners, steps: int) -> Iterator[Frame]:
@@ -130,8 +139,7 @@ def main() -> None:
     )
     parser = Parser("affmap-learn", purpose, examples)
     parser.add_argument("--world", default="original", help="a layout of conf/layout (default: original)")
-    kinds = ", ".join(name for name in names("learning") if name != "offline")
-    parser.add_argument("--learning", default="disagreement", help=f"{kinds} (default: disagreement)")
+    parser.add_argument("--learning", default="disagreement", help=f"{', '.join(_online())} (default: disagreement)")
     parser.add_argument("--context-size", type=int, default=8, help="units of the context code (default: 8)")
     parser.add_argument("--seed", type=int, default=0, help="of the first of its models (default: 0)")
     parser.add_argument("--output", type=Path, help="a .gif or .mp4 in place of a window")

@@ -146,12 +146,14 @@ def uncrossable(results: Results, settings: ReportSettings) -> list[str]:
         return []
     counts = results.runs.assign(blocked=~results.runs["crossable"].astype(bool)).groupby("layout")["blocked"].sum()
     named = [f"{int(counts[layout])} ({readable(layout, settings)})" for layout in results.layouts if counts[layout]]
-    share = blocked["success"].astype(bool).mean()
+    if settings.outcome == "success":
+        share, end = blocked["success"].astype(bool).mean(), "succeed (a force field may carry the vehicle through)"
+    else:
+        share, end = blocked["reached"].astype(bool).mean(), "reach the goal (fog stops no vehicle)"
     return [
         f"In {listed(named)} of {len(results.runs)} runs the world has no route from start to goal along which the "
         "vehicle can steer freely past obstacles and fog and against force fields. These runs are included in all "
-        f"numbers, as successes or failures like all others; {share:.0%} of them succeed (a force field may carry the "
-        "vehicle through)."
+        f"numbers, as successes or failures like all others; {share:.0%} of them {end}."
     ]
 
 

@@ -128,7 +128,8 @@ def test_figures_show_levels_around_home(monkeypatch: pytest.MonkeyPatch) -> Non
     assert [label.get_text() for label in mass.get_xticklabels()] == ["0.1", "1", "2", "3"]
     assert [label.get_fontweight() for label in mass.get_xticklabels()] == ["bold", *["normal"] * 3]
     lines = [line.get_ydata() for line in mass.lines]
-    assert lines == [pytest.approx(share) for share in ([1, 1, 1, 1], [1, 1, 0.45, 1], [0.45] * 4)]
+    kept = [0.9, 0.9]  # of the agent's success at home
+    assert lines == [pytest.approx(share) for share in ([1, 1, 1, 1], [1, 1, 0.45, 1], [0.45] * 4, kept)]
 
 
 def test_there_is_no_figure_where_nothing_is_varied() -> None:

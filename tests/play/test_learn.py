@@ -34,7 +34,7 @@ def test_each_step_of_the_first_agent_is_shown() -> None:
     np.testing.assert_array_equal([scene.action for scene, _ in shown[:STEPS]], first.action)
     np.testing.assert_array_equal(shown[STEPS].scene.past, second.true_position[:2])
     assert shown[0].line == "random, step 1: knows nothing yet"
-    assert shown[STEPS].line == f"random, step 101: loss of round 1 was \N{MINUS SIGN}{-losses[0]:.1f} nats"
+    assert shown[STEPS].line == f"random, step 101: training loss of round 1 was \N{MINUS SIGN}{-losses[0]:.1f} nats"
 
 
 def test_the_map_is_renewed_with_each_round() -> None:
@@ -103,12 +103,25 @@ def test_a_window_shows_it_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(
     ("kind", "told"),
     [
-        ("offline", "--learning offline explores first and learns later; name another kind"),
-        ("greed", "--learning greed does not exist; there are: deviation, disagreement, information, offline, random"),
+        (
+            "offline",
+            "--learning offline explores first and learns later; choose deviation, disagreement, information, random",
+        ),
+        ("greed", "--learning greed does not exist; there are: deviation, disagreement, information, random"),
     ],
 )
 def test_kinds_that_do_not_learn_online_are_refused(kind: str, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         learners_of(kind, "original")
-    with pytest.raises(ConfigError, match=r"moon\.yaml does not exist"):
-        learners_of("random", "moon")
+
+
+@pytest.mark.parametrize(
+    ("world", "told"),
+    [
+        ("moon", r"^conf/layout/moon\.yaml does not exist"),
+        ("procedural_easy", "--world procedural_easy has rules for worlds, and agents learn in one; name a layout"),
+    ],
+)
+def test_worlds_in_which_no_agent_can_learn_are_refused(world: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        learners_of("random", world)

@@ -48,7 +48,7 @@ AS_NEAR = f"agents fly as well as the offline models; their mean distance is at 
 MOVED_ON = (
     f"when an obstacle has moved, agents need not learn anew; at most {SHARE:g} fewer of their runs reach the goal."
 )
-AS_GOOD = as_good_after(10_000)
+AS_GOOD = as_good_after(10_000, "48,000 with as many updates")
 
 CLAIMS = (
     claim(10, DISAGREEMENT, AS_GOOD, as_offline),

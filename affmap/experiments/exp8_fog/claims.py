@@ -49,7 +49,7 @@ def _succeeds(results: Results, kind: str) -> list[Criterion]:
 LEAVES = f"where models differ is not where fog is; agents spend less than {100 * FEW:.0f} % of their steps in fog."
 DRAWN = f"agents are drawn to noise; they are in fog at least {TIMES} times as often as agents that explore at random."
 SAFE = f"after 10,000 steps at least {SUCCEEDS:g} of their runs avoid fog and reach the goal."
-AS_GOOD = as_good_after(10_000)
+AS_GOOD = as_good_after(10_000, "48,000 with as many updates")
 
 CLAIMS = (
     claim(19, DISAGREEMENT, LEAVES, _avoids),

@@ -42,7 +42,7 @@ def _succeeds(results: Results, kind: str) -> list[Criterion]:
 
 
 AS_SAFE = f"at most {SHARE:g} fewer of their runs succeed in the worlds of Experiment V than of the offline models."
-AS_GOOD = as_good_after(50_000)
+AS_GOOD = as_good_after(50_000, "192,000 with four times as many updates")
 
 CLAIMS = (
     claim(28, DISAGREEMENT, AS_GOOD, as_offline),
