@@ -28,6 +28,9 @@ SIZES, SIZE = "model.context_size=0,1", "model.context_size=8"  # a block for ea
 PAPER = [name for name in ROOMS if is_of_paper(name)]
 HAS_RL = find_spec("stable_baselines3") is not None
 RIVALS = "none,distilled,cloning" + (",ppo,ppo_million" if HAS_RL else "")
+VARIATIONS = (  # home, and a level of each factor
+    "home,number/8,radius/0.25,place/0.1,look/0.1,mass/0.2,damping/0.96,contact/6,field/0.2,noise/0.02,size/1.5,goal/1,step/50"
+)
 CLAIMS = {
     "exp1": ("I", range(1, 9), 2 * 2),
     "exp2": ("II", range(1, 4), 3 * 2),
@@ -43,7 +46,7 @@ CLAIMS = {
     "exp8_worlds": ("VIII", range(28, 35), 4 * 2),
     "exp9": ("IX", range(1, 9), 3 * 2),
     "exp10": ("X", range(5, 10), len(RIVALS.split(",")) * 3),
-    "exp10_factors": ("X", range(1, 5), 48),
+    "exp10_factors": ("X", range(1, 5), 13),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""
 
@@ -72,6 +75,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the commands leave behind, all in one process, because most of their time is imports."""
     lines = [[f"experiment={name}", SIZES if name in PAPER else SIZE] for name in ROOMS]
     lines[ROOMS.index("exp10")] += [f"rival={RIVALS}"]
+    lines[ROOMS.index("exp10_factors")] += [f"variation={VARIATIONS}"]
     script = f"{SCRIPT}\ncall(paper.main, {SIZES!r})"
     if HAS_RL:  # which the report of all experiments beyond the paper needs
         script += f"\ncall(paper.main, '--beyond', {SIZE!r})"
@@ -81,7 +85,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def made(lines: Sequence[list[str]], script: str, arguments: Sequence[str], place: Path) -> Path:
     """Run a script, which runs and reports some command lines, in a folder, and return the folder."""
     command = [sys.executable, "-W", "ignore", "-c", f"lines = {lines}\n{script}", *arguments]
-    result = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=600)
+    result = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=1500)
     assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
     assert "Traceback" not in result.stdout + result.stderr
     return place
@@ -116,13 +120,14 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 
 def test_nothing_is_computed_twice(place: Path) -> None:
     """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
-    with V's data and five, two of them with these data, VII one, its doors one, VIII ten with I's
-    and IV's data, and X one with I's data, which its rivals share."""
+    with V's data and five, two of them with these data, VII one, its doors one, VIII ten with I's and IV's data
+    and three with V's, IX three in each of two worlds, and X one with I's data, which its rivals share."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")
     }
-    assert len(kept["data"]) == 6 and len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 5 + 1 + 1 + 10 + 1
+    assert len(kept["data"]) == 6 + 2
+    assert len(kept["train"]) == 2 + 0 + 3 + 2 + 2 + 5 + 5 + 1 + 1 + 10 + 3 + 6 + 1
 
 
 @pytest.fixture(scope="module")

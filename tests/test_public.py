@@ -286,11 +286,14 @@ def test_readme_says_what_rivals_found() -> None:
     runs = pd.read_csv(ROOT / "runs/reference/exp10/tables/runs.csv")
     means = runs.groupby(["layout", "planner"])["mean_distance"].mean().map("{:.2f} u".format)
     home, few = means["original"], means["two_obstacles"]
+    five = runs[runs["member"].isin(runs[runs["planner"] == "ppo_million"]["member"])]
+    ours = five[(five["layout"] == "original") & (five["planner"] == "cem")]
+    same = f"{ours['mean_distance'].mean():.2f} u"
     said = (
         f"the agent is {home['cem']} from its goals on average, PPO {home['ppo']} and behaviour cloning "
         f"{home['cloning']}",
-        f"With a million steps PPO has {home['ppo_million']}, but {few['ppo_million']} with two obstacles, which are "
-        f"new to both (agent {few['cem']})",
+        f"With a million steps PPO has {home['ppo_million']} (the same five members of the agent {same}), but "
+        f"{few['ppo_million']} with two obstacles, which are new to both (agent {few['cem']})",
         f"imitates the agent's plans has {home['distilled']}, and {few['distilled']} there",
     )
     for words in said:
