@@ -28,9 +28,6 @@ SIZES, SIZE = "model.context_size=0,1", "model.context_size=8"  # a block for ea
 PAPER = [name for name in ROOMS if is_of_paper(name)]
 HAS_RL = find_spec("stable_baselines3") is not None
 RIVALS = "none,distilled,cloning" + (",ppo,ppo_million" if HAS_RL else "")
-VARIATIONS = (  # home, and a level of each factor
-    "home,number/8,radius/0.25,place/0.1,look/0.1,mass/0.2,damping/0.96,contact/6,field/0.2,noise/0.02,size/1.5,goal/1,step/50"
-)
 CLAIMS = {
     "exp1": ("I", range(1, 9), 2 * 2),
     "exp2": ("II", range(1, 4), 3 * 2),
@@ -46,7 +43,7 @@ CLAIMS = {
     "exp8_worlds": ("VIII", range(28, 35), 4 * 2),
     "exp9": ("IX", range(1, 9), 3 * 2),
     "exp10": ("X", range(5, 10), len(RIVALS.split(",")) * 3),
-    "exp10_factors": ("X", range(1, 5), 13),
+    "exp10_factors": ("X", range(1, 5), 48),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""
 
@@ -75,7 +72,6 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the commands leave behind, all in one process, because most of their time is imports."""
     lines = [[f"experiment={name}", SIZES if name in PAPER else SIZE] for name in ROOMS]
     lines[ROOMS.index("exp10")] += [f"rival={RIVALS}"]
-    lines[ROOMS.index("exp10_factors")] += [f"variation={VARIATIONS}"]
     script = f"{SCRIPT}\ncall(paper.main, {SIZES!r})"
     if HAS_RL:  # which the report of all experiments beyond the paper needs
         script += f"\ncall(paper.main, '--beyond', {SIZE!r})"
