@@ -64,7 +64,7 @@ def test_too_few_members_for_tests_are_said_once(
     scores.as_table(scored).to_csv(tmp_path / "claims.csv", index=False)
     pd.read_csv(PUBLISHED / "exp1/tables/medians.csv").to_csv(tmp_path / "medians.csv", index=False)
     show(tmp_path)
-    sentence = f"Tests need at least 5 members; here are {members}."
+    sentence = f"Tests need at least 5 members; there are at most {members} here."
     assert capsys.readouterr().out.splitlines().count(sentence) == said
 
 

@@ -123,7 +123,7 @@ def test_a_model_too_large_for_any_machine_is_refused(tmp_path: Path) -> None:
     ("wrong", "message"),
     [
         ("model=typo", r"model = 'typo' does not exist; there are: default\.$"),
-        ("model/transition=typo", r"there are: additive, gru, hyper, mlp, split, split_channels\.$"),
+        ("model/transition=typo", r"there are: additive, gatel0rd, gru, hyper, mlp, split, split_channels\.$"),
         ("model.transition=gru", "choose one by model/transition=gru"),
     ],
 )

@@ -94,7 +94,7 @@ def test_random_worlds_are_those_of_a_sweep(tmp_path: Path) -> None:
     settings = ["world=four_properties", "control_layout=procedural_easy", "control.runs_per_member=3"]
     (config,) = jobs(tmp_path, *settings, "model.context_size=1")
     attempt = Attempt.begin(tmp_path / "control")
-    make_runs(config, tmp_path / "store" / "train" / TRAIN.of(config).digest, attempt)
+    make_runs(config, tmp_path / "store" / "train" / TRAIN.of(config).digest, None, attempt)
     rules = affmap.Procedural.load("layout", "procedural_easy")
     table = affmap.evaluate(agent, rules, runs=3, steps=3)
     same = [*metrics.PLACES, *metrics.stored_metrics()]

@@ -307,7 +307,10 @@ def test_of_rules_there_are_worlds_of_their_own(configured: Callable[..., Config
         ({"data": 5}, r"^data = 5 is not allowed: give some of its keys and values, such as \{'seed': 0\}"),
         ({"data": {"num_sequences": 0}}, r"num_sequences = 0 is not allowed"),
         ({"planner": "pid"}, r"conf/planner holds: cem, gradient"),
-        ({"transition": "lstm"}, r"conf/model/transition holds: additive, gru, hyper, mlp, split, split_channels"),
+        (
+            {"transition": "lstm"},
+            r"conf/model/transition holds: additive, gatel0rd, gru, hyper, mlp, split, split_channels",
+        ),
         (
             {"context_size": 8, "model": {"context_size": 3}},
             r"^model has context_size = 3, and context_size gives 8; give it once\.$",

@@ -70,7 +70,7 @@ def test_doors_open_in_a_film(monkeypatch: pytest.MonkeyPatch) -> None:
     """World, map, ways and times to go of each moment are those before or after the visit of the key on the way."""
     scenes: list[Scene] = []
 
-    def watched(given: Iterable[Scene], title: str) -> Iterator[np.ndarray]:
+    def watched(given: Iterable[Scene], title: str, goal: np.ndarray) -> Iterator[np.ndarray]:
         scenes.extend(given)
         return iter([])
 
