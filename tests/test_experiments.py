@@ -97,7 +97,7 @@ def test_an_experiment_ends_with_its_report(place: Path, experiment: str) -> Non
     assert (output / "figures" / "blocks.png").is_file() == (experiment == "exp6")
     runs = pd.read_csv(output / "tables" / "runs.csv")
     number, numbers, settings = CLAIMS[experiment]
-    assert len(runs) == settings * 2 * 4
+    assert len(runs) == settings * 2 * read("experiment", experiment).get("control", {}).get("runs_per_member", 4)
     claims = pd.read_csv(output / "tables" / "claims.csv")["claim"].drop_duplicates().tolist()
     assert claims == [f"{number}-{index}" for index in numbers]
 
