@@ -12,7 +12,7 @@ import pytest
 
 from affmap.config.sweep import Sweep
 from affmap.experiments import ROOMS, claims_about, is_of_paper
-from affmap.settings import folder
+from affmap.settings import folder, read
 
 TINY = [
     "scale=smoke",
