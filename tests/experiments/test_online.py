@@ -7,10 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from affmap.config.sweep import Sweep
 from affmap.experiments.exp8 import claims as exp8
 from affmap.experiments.exp8_fog import claims as exp8_fog
 from affmap.experiments.exp8_worlds import claims as exp8_worlds
 from affmap.experiments.online import DEVIATION, DISAGREEMENT, INFORMATION, OFFLINE, RANDOM, Online
+from affmap.learning.settings import OfflineLearning
 from affmap.results.files import Experience
 from affmap.results.setting import LEARNING
 from affmap.results.statistics import Verdict
@@ -117,3 +119,21 @@ def test_kinds_that_did_not_learn_leave_their_claims_untested() -> None:
     )
     found.where = lambda values: []
     assert {*verdicts(found).values()} == {Verdict.NOT_TESTED}
+
+
+@pytest.mark.parametrize(
+    ("name", "room", "times"), [("exp8", exp8, 1), ("exp8_fog", exp8_fog, 1), ("exp8_worlds", exp8_worlds, 4)]
+)
+def test_claims_tell_the_budgets_of_the_configuration(name: str, room: Any, times: int) -> None:
+    """Steps and updates, counted by hand from the keys; offline models may have several times the updates."""
+    configs = {config.learning.kind: config for config in Sweep.read([f"experiment={name}"]).configs}
+    offline = configs.pop(OFFLINE)
+    data, training = offline.data, offline.training
+    sequences = len(offline.training_layouts) * (data.num_sequences - data.num_validation)
+    updates = training.num_epochs * sequences // training.batch_size * (data.num_steps // training.chunk_length)
+    for config in configs.values():
+        assert not isinstance(config.learning, OfflineLearning)
+        steps = config.training.num_epochs * config.learning.round_steps
+        assert updates == times * config.training.num_epochs * config.learning.updates
+        assert f"after {steps:,} steps" in room.AS_GOOD
+    assert f"offline from {sequences * data.num_steps:,} with" in room.AS_GOOD

@@ -1,5 +1,7 @@
 """The choice of plans by committees."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 import torch
@@ -15,7 +17,7 @@ from affmap.model.lookup import AffordanceMap
 from affmap.model.rollout import Situation, rollout
 from affmap.model.settings import ModelSettings
 from affmap.model.stack import Stack
-from affmap.planning.information import information
+from affmap.planning.information import SIGNALS, information
 
 EXPLORATION = Exploration.load("data", "default")
 
@@ -79,3 +81,8 @@ def test_an_agent_chooses_as_it_would_alone(world: Layout, enabled: bool) -> Non
             assert (alone[0] == both[agent]).all()
     finally:
         compiled.use(True)
+
+
+def test_agents_can_seek_each_signal_that_there_is() -> None:
+    """Those of the settings, which know no torch, and those that are computed."""
+    assert {*get_args(SeekingLearning.model_fields["kind"].annotation)} == {*SIGNALS}
