@@ -101,7 +101,7 @@ def boxes(
 def bars(
     table: Table, metric: str, by: str = CONTEXT_SIZE.column, color: str | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """Draw shares of runs, such as those that reached the goal: mean over members and 95 % bootstrap interval.
+    """Draw shares of runs, such as those that reached the goal: mean over members and 95 % interval.
 
     With fewer than five members there is no interval. See `boxes`; the table also has the column `member`.
     """

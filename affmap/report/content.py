@@ -22,7 +22,7 @@ from affmap.results.halo import UNCERTAIN, WIDTH, beyond, halo
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import NOTHING, number, p_value, span
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, Factor, ReportSettings
-from affmap.results.statistics import LEVEL
+from affmap.results.statistics import FEW_MEMBERS, LEVEL
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -99,6 +99,10 @@ class Content:
     def level(self) -> str:
         """Level of significance of the tests."""
         return f"{LEVEL}"
+
+    def few(self) -> str:
+        """Number of members below which intervals are Student's."""
+        return f"{FEW_MEMBERS}"
 
     def claims(self) -> str:
         """Table of the claims, their parts, tests and verdicts."""

@@ -27,6 +27,9 @@ LEVEL = 0.05
 MIN_MEMBERS = 5
 """With fewer, the signed-rank test cannot reach the level (0.5 ** 4 = 0.0625), and an interval means nothing."""
 
+FEW_MEMBERS = 20
+"""With fewer, bootstrap intervals are too short: 84 % of those of 5 normal scores hold their mean, 91 % with 10."""
+
 Direction = Literal["falls", "rises"]
 Order = Literal["lower", "higher"]
 Scores = NDArray[np.floating]
@@ -176,12 +179,18 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval (BCa) over members of the mean of `values` `[M]`; a point if they differ by rounding."""
+    """95 % interval over members of the mean of `values` `[M]`; a point if they differ by rounding.
+
+    It is bootstrapped (BCa), or Student's where members are few (`FEW_MEMBERS`).
+    """
     sample = np.asarray(values, dtype=float)
     if np.allclose(sample, sample[0], rtol=1e-12, atol=0):
         return float(sample[0]), float(sample[0])
-    result = stats.bootstrap((sample,), np.mean, method="BCa", rng=np.random.default_rng(seed))
-    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+    if len(sample) < FEW_MEMBERS:
+        few = stats.ttest_1samp(sample, 0).confidence_interval(0.95)
+        return float(few.low), float(few.high)
+    ends = stats.bootstrap((sample,), np.mean, method="BCa", rng=np.random.default_rng(seed)).confidence_interval
+    return float(ends.low), float(ends.high)
 
 
 def verdict(p: float, p_opposite: float) -> Verdict:
@@ -228,7 +237,7 @@ def _signed_rank(difference: Scores, order: Order, statistic: Statistic) -> Outc
 
 
 def _directed(test: str, difference: Scores, statistic: Statistic, p: float, p_opposite: float) -> Outcome:
-    """The outcome of a test of a direction; its interval is bootstrapped, or exact where the effect is a median."""
+    """The outcome of a test of a direction; its interval is that of a mean, or exact where the effect is a median."""
     low: float | None
     high: float | None
     if statistic == "mean":

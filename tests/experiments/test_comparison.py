@@ -76,7 +76,7 @@ def test_the_difference_is_that_of_the_construction(shift: float, verdict: str) 
 
 def test_the_interval_is_scipys_over_members() -> None:
     """Independent: `scipy.stats.bootstrap` of the members' mean differences."""
-    table = runs(0.1)
+    table = runs(0.1, members=24)
     distance = row(comparison.compare(table, KEY), "mean_distance")
     means = table.groupby(["member", "lookup_spacing"])["mean_distance"].mean().unstack()
     difference = (means[0.01] - means[0.0]).to_numpy()

@@ -210,6 +210,19 @@ def test_interval_is_near_the_closed_form_and_repeats() -> None:
     assert statistics.interval(np.full(9, 0.25)) == (0.25, 0.25)
 
 
+def test_the_interval_of_few_members_is_students() -> None:
+    """References: the textbook's formula; and 95 % of the intervals of ten normal values hold their mean.
+
+    With 1000 samples, that share has a standard deviation of 0.007. The bootstrap's is 0.91.
+    """
+    values = np.array([0.41, 0.45, 0.39, 0.52, 0.44])
+    half = 2.776 * values.std(ddof=1) / np.sqrt(5)
+    assert statistics.interval(values) == pytest.approx((values.mean() - half, values.mean() + half), abs=1e-4)
+    samples = np.random.default_rng(0).normal(3.0, 2.0, size=(1000, 10))
+    ends = np.array([statistics.interval(sample) for sample in samples])
+    assert np.mean((ends[:, 0] <= 3) & (ends[:, 1] >= 3)) == pytest.approx(0.95, abs=0.021)
+
+
 def test_the_interval_of_a_median_is_that_of_the_binomial_distribution() -> None:
     """The 8th and the 18th of 25 members (P(fewer than 8 of 25 below the median) = 0.0216), however far the last is."""
     difference = np.arange(1.0, 26.0)

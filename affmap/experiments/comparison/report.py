@@ -150,7 +150,7 @@ def compare(runs: pd.DataFrame, key: str) -> pd.DataFrame:
 
     Returns:
         One row per comparison: means and medians over runs of either value, the mean difference (other minus first)
-        with its 95 % bootstrap interval over members (none with fewer than 5, or where one lacks a number), the margin,
+        with its 95 % interval over members (none with fewer than 5, or where one lacks a number), the margin,
         and the verdict. Layouts have a column where there are several that are not what is compared; success has rows
         where it is not the same as having reached the goal, and the validation loss where models differ.
 

@@ -23,7 +23,7 @@ from affmap.results.claims import Score, holm
 from affmap.results.numbers import NOTHING, listed, number, p_value
 from affmap.results.scores import as_table, score
 from affmap.results.setting import ReportSettings
-from affmap.results.statistics import LEVEL
+from affmap.results.statistics import FEW_MEMBERS, LEVEL
 from affmap.results.tables import Results, write_csv
 from affmap.settings.messages import ConfigError
 
@@ -174,6 +174,10 @@ class PaperContent:
     def level(self) -> str:
         """Level of significance of the tests."""
         return f"{LEVEL}"
+
+    def few(self) -> str:
+        """Number of members below which intervals are Student's."""
+        return f"{FEW_MEMBERS}"
 
     def axes(self) -> str:
         """Explanation of the paper's axes."""

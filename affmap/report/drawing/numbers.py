@@ -101,7 +101,7 @@ def bars(
         metric: a column of truth values of `runs`.
         groups: the groups shown by colour.
         paper: see `Span`.
-        intervals: whether black lines are 95 % bootstrap intervals (with enough members) instead of standard
+        intervals: whether black lines are 95 % intervals (with enough members) instead of standard
             deviations over members, which end at 0 and 1, as shares do.
     """
     mark(ax, paper)

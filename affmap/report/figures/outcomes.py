@@ -91,7 +91,7 @@ def _caption(results: Results, settings: ReportSettings) -> str:
     more = "".join(f" ({letter}) {METRICS[metric].label.capitalize()}." for letter, metric in letters)
     beside = " Right: agents without a learned model." if _is_wide(results, groups) and results.baselines else ""
     return (
-        "(A) Share of runs that reached the goal, regardless of contact, with 95 % bootstrap intervals over members: "
+        "(A) Share of runs that reached the goal, regardless of contact, with 95 % intervals over members: "
         f"{'; '.join(parts)}. (B) Number of steps per run in contact with an obstacle or a border.{more}{beside} The "
         "paper does not report these results."
     )

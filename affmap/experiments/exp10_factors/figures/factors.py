@@ -70,7 +70,7 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     return Drawn(
         figure,
         "Share of successful runs, mean over members, at each level of each factor; levels are evenly spaced. Bars: "
-        f"95 % bootstrap intervals over members. Dotted in green: {KEPT:g} of the agent's success at home. The shaded "
+        f"95 % intervals over members. Dotted in green: {KEPT:g} of the agent's success at home. The shaded "
         "level, in bold, is home, where models were trained. The agents are not told of the variation.",
     )
 
