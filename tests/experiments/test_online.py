@@ -28,16 +28,24 @@ FOG = {RANDOM: 0.07, DEVIATION: 0.2, DISAGREEMENT: 0.05, INFORMATION: 0.01}
 def results(reached: float = 1.0, losses: Any = (), fog: Any = (), worse: str = "") -> Any:
     """Results of agents that reach the goal in this share of the runs in the moved world, and else always.
 
-    One kind may stay 0.1 u farther away, and never succeed where others always do.
+    In hard worlds offline models and random agents succeed in 80 % of the runs. One kind may stay 0.1 u farther away,
+    and never succeed where others always do.
     """
     losses, fog = {**LOSSES, **dict(losses)}, {**FOG, **dict(fog)}
     members = range(AGENTS * COMMITTEE)
     always = (exp8.HOME, exp8_worlds.EASY, exp8_worlds.HARD)
     shares = {**dict.fromkeys(always, 1.0), exp8.MOVED: reached, exp8_fog.WORLD: reached}
+
+    def chance(kind: str, layout: str) -> float:
+        """Share of the runs that succeed, of those that arrive."""
+        if kind == worse and layout in always:
+            return 0.0
+        return 0.8 if layout == exp8_worlds.HARD and kind in (OFFLINE, RANDOM) else 1.0
+
     runs = [
         {"planner": "cem", "layout": layout, LEARNING.column: kind, "context_size": 8, "member": member, "run": run}
         | {"reached": run < RUNS * share, "mean_distance": 0.4 + 0.001 * member + 0.1 * (kind == worse)}
-        | {"success": run < RUNS * share and (kind != worse or layout not in always)}
+        | {"success": run < RUNS * share * chance(kind, layout)}
         for kind in losses
         for layout, share in shares.items()
         for member in members
@@ -79,19 +87,19 @@ def only(parts: Any) -> Any:
 
 
 def test_claims_that_were_built_into_the_data_hold() -> None:
-    assert verdicts(results()) == {str(number): Verdict.HOLDS for number in range(10, 35)}
+    assert verdicts(results()) == {str(number): Verdict.HOLDS for number in (*range(10, 28), *range(35, 46))}
 
 
 @pytest.mark.parametrize(
     ("changes", "failing"),
     [
-        ({"losses": {RANDOM: -8.5}}, {"12", "30"}),
-        ({"losses": {INFORMATION: -8.5}}, {"11", "16", "23", "25", "29", "32"}),
-        ({"losses": {DISAGREEMENT: -8.5}}, {"10", "15", "22", "24", "28", "31"}),
-        ({"losses": {OFFLINE: -9.8}}, {"10", "11", "12", "24", "25", "28", "29", "30"}),
+        ({"losses": {RANDOM: -8.5}}, {"12", "37"}),
+        ({"losses": {INFORMATION: -8.5}}, {"11", "16", "23", "25", "36", "39"}),
+        ({"losses": {DISAGREEMENT: -8.5}}, {"10", "15", "22", "24", "35", "38"}),
+        ({"losses": {OFFLINE: -9.8}}, {"10", "11", "12", "24", "25", "35", "36", "37"}),
         ({"reached": 0.9}, {"17", "18", "26", "27"}),
-        ({"worse": INFORMATION}, {"14", "34"}),
-        ({"worse": DISAGREEMENT}, {"13", "33"}),
+        ({"worse": INFORMATION}, {"14", "41", "43", "45"}),
+        ({"worse": DISAGREEMENT}, {"13", "40", "42", "44"}),
         ({"fog": {DISAGREEMENT: 0.2}}, {"19"}),
         ({"fog": {INFORMATION: 0.2}}, {"20"}),
         ({"fog": {DEVIATION: 0.13}}, {"21"}),
@@ -121,11 +129,9 @@ def test_kinds_that_did_not_learn_leave_their_claims_untested() -> None:
     assert {*verdicts(found).values()} == {Verdict.NOT_TESTED}
 
 
-@pytest.mark.parametrize(
-    ("name", "room", "times"), [("exp8", exp8, 1), ("exp8_fog", exp8_fog, 1), ("exp8_worlds", exp8_worlds, 4)]
-)
-def test_claims_tell_the_budgets_of_the_configuration(name: str, room: Any, times: int) -> None:
-    """Steps and updates, counted by hand from the keys; offline models may have several times the updates."""
+@pytest.mark.parametrize(("name", "room"), [("exp8", exp8), ("exp8_fog", exp8_fog), ("exp8_worlds", exp8_worlds)])
+def test_claims_tell_the_budgets_of_the_configuration(name: str, room: Any) -> None:
+    """Steps and updates, counted by hand from the keys; all models make as many updates."""
     configs = {config.learning.kind: config for config in Sweep.read([f"experiment={name}"]).configs}
     offline = configs.pop(OFFLINE)
     data, training = offline.data, offline.training
@@ -134,6 +140,6 @@ def test_claims_tell_the_budgets_of_the_configuration(name: str, room: Any, time
     for config in configs.values():
         assert not isinstance(config.learning, OfflineLearning)
         steps = config.training.num_epochs * config.learning.round_steps
-        assert updates == times * config.training.num_epochs * config.learning.updates
+        assert updates == config.training.num_epochs * config.learning.updates
         assert f"after {steps:,} steps" in room.AS_GOOD
     assert f"offline from {sequences * data.num_steps:,} with" in room.AS_GOOD
