@@ -40,6 +40,7 @@ CLAIMS = {
     "exp7_doors": ("VII", range(6, 9), 3),
     "exp8": ("VIII", range(10, 19), 5 * 2),
     "exp8_fog": ("VIII", range(19, 28), 5),
+    "exp8_goals": ("VIII", range(46, 52), 5),
     "exp8_worlds": ("VIII", range(35, 46), 4 * 2),
     "exp9": ("IX", range(1, 9), 3 * 2),
     "exp10": ("X", range(5, 10), len(RIVALS.split(",")) * 3),

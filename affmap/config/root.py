@@ -22,7 +22,7 @@ from affmap.env.layout import Acts, Layout
 from affmap.env.procedural import Procedural, is_procedural
 from affmap.env.rules import Rules
 from affmap.env.walls import Walls
-from affmap.learning.settings import OFFLINE, AnyLearning, OfflineLearning, SeekingLearning
+from affmap.learning.settings import OFFLINE, AnyLearning, AnyPlanningLearning, OfflineLearning
 from affmap.model.registry import EffectsSettings, unit_ends
 from affmap.model.settings import LookupSettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
@@ -263,7 +263,7 @@ class Config(Settings):
                 f"members = {self.members} is no multiple of learning.committee = {learning.committee}; every agent "
                 "has a committee of its own."
             )
-        if self.members == 1 and isinstance(learning, SeekingLearning):
+        if self.members == 1 and isinstance(learning, AnyPlanningLearning):
             raise ValueError(
                 f"members = 1 is no committee, which learning = {learning.kind!r} needs; say members=2 or more."
             )

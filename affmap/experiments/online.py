@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from affmap.results import claims, statistics
 from affmap.results.claims import Claim, Criterion
 from affmap.results.files import Floats
 from affmap.results.metrics import METRICS
-from affmap.results.setting import LEARNING, Setting
+from affmap.results.setting import LEARNING, Factor, Setting, Value
 from affmap.results.statistics import Outcome
 from affmap.results.tables import Results, score_matrix
 
@@ -34,6 +35,13 @@ class Online:
     """
 
     results: Results
+    factor: Factor = LEARNING
+    """That which makes agents differ; its values are their kinds."""
+
+    @property
+    def kinds(self) -> list[Value]:
+        """The kinds of agents, in the order of the sweep."""
+        return list(dict.fromkeys(each.values[self.factor.key] for each in self.results.settings))
 
     @cached_property
     def committee(self) -> int:
@@ -44,33 +52,35 @@ class Online:
                 return min(int(learning["committee"]), self.results.runs["member"].nunique())
         return 1
 
-    def losses(self, kind: str) -> Floats:
+    def losses(self, kind: Value) -> Floats:
         """Validation loss of each agent after its last round, `[A]` in nats."""
         table = self.results.last_epoch
-        own = table[table[LEARNING.column] == kind] if LEARNING.column in table else table.iloc[:0]
+        own = table[table[self.factor.column] == kind] if self.factor.column in table else table.iloc[:0]
         return self._by_agent(own.drop_duplicates("member").set_index("member")["validation_nll"], np.median)
 
-    def scores(self, kind: str, metric: str, layout: str) -> Floats:
+    def scores(self, kind: Value, metric: str, layout: str) -> Floats:
         """Mean of a metric over the runs of each agent in a layout, `[A]`."""
         runs = claims.select_runs(self.results, layout)
-        runs = runs[runs[LEARNING.column] == kind] if LEARNING.column in runs else runs.iloc[:0]
+        runs = runs[runs[self.factor.column] == kind] if self.factor.column in runs else runs.iloc[:0]
         return self._by_agent(score_matrix(runs, metric).iloc[:, 0], np.mean) if len(runs) else np.empty(0)
 
-    def in_fog(self, kind: str) -> Floats:
+    def in_fog(self, kind: Value) -> Floats:
         """Share of the steps of each agent's exploration that ended in fog, `[A]`."""
         setting = self.setting(kind)
         experience = self.results.experience(setting) if setting else None
         return np.empty(0) if experience is None else experience.in_fog.mean(1).astype(float)
 
-    def setting(self, kind: str) -> Setting | None:
-        """The first setting of a kind of learning."""
-        return next(iter(self.results.where({LEARNING.key: kind})), None)
+    def setting(self, kind: Value) -> Setting | None:
+        """The first setting of a kind."""
+        return next(iter(self.results.where({self.factor.key: kind})), None)
 
-    def compared(self, kind: str, than: str, unit: str, score: Callable[[str], Floats], test: Test) -> list[Criterion]:
+    def compared(
+        self, kind: Value, than: Value, unit: str, score: Callable[[Any], Floats], test: Test
+    ) -> list[Criterion]:
         """Test the scores of a kind beside those of another.
 
         Args:
-            kind: kind of learning.
+            kind: a kind of agents.
             than: the other kind.
             unit: of the scores.
             score: scores `[A]` of a kind.
@@ -83,7 +93,7 @@ class Online:
             outcome = statistics.undecided(claims.SIGNED_RANK, 0, f"needs agents of {kind} and of {than}")
         return [Criterion("", f"{kind} minus {than}", unit, outcome)]
 
-    def level(self, kind: str, unit: str, scores: Floats, test: Callable[[Floats], Outcome]) -> list[Criterion]:
+    def level(self, kind: Value, unit: str, scores: Floats, test: Callable[[Floats], Outcome]) -> list[Criterion]:
         """Test the level of the scores `[A]` of a kind."""
         outcome = claims.with_note(test(scores), [self.note if len(scores) else f"needs agents of {kind}"])
         return [Criterion("", "share", unit, outcome)]

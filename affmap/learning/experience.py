@@ -30,6 +30,8 @@ class Round(NamedTuple):
     """Whether an obstacle or a border is touched after each step, `[S]`."""
     in_fog: NDArray[np.bool_]
     """Whether the vehicle is in fog then, `[S]`."""
+    goal: Floats | None = None
+    """The goal in each step, `[S, 2]`, u; None for agents that have none."""
 
 
 def batches(

@@ -18,18 +18,20 @@ from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
 from affmap.learning.experience import Round, batches
 from affmap.learning.explorer import Explorer
-from affmap.learning.settings import AnyOnlineLearning, RandomLearning, SeekingLearning
+from affmap.learning.goals import Goals
+from affmap.learning.settings import AnyOnlineLearning, AnyPlanningLearning, GoalLearning, RandomLearning
 from affmap.model.lookup import AffordanceMap
 from affmap.model.stack import Stack
 from affmap.random import generator, integer
 from affmap.training.module import TrainingModule
 from affmap.training.settings import TrainingSettings
 
-SAVED = ("position", "true_position", "action", "touching", "in_fog")
-"""Parts of a round that a checkpoint needs; views follow from true positions."""
+SAVED = ("position", "true_position", "action", "touching", "in_fog", "goal")
+"""Parts of a round that a checkpoint needs, where there are any; views follow from true positions."""
 
-Act = Callable[[Tensor, Tensor, int], np.ndarray]
-"""Actions `[A, 4]` of all agents, from reported positions `[A, 2]`, their last changes, and the step of the round."""
+Act = Callable[[Tensor, Tensor, Tensor | None, int], np.ndarray]
+"""Actions `[A, 4]` of all agents, from reported positions `[A, 2]`, their last changes, their goals
+`[A, 2]` if they have any, and the step of the round."""
 
 
 @dataclass
@@ -105,7 +107,11 @@ class Learners:
             "weights": [module.stack.state_dict() for module in self._modules],
             "optimizers": [optimizer.state_dict() for optimizer in self._optimizers],
             "rounds": [
-                [{key: torch.from_numpy(getattr(each, key)) for key in SAVED} for each in own] for own in self.rounds
+                [
+                    {key: torch.from_numpy(part) for key in SAVED if (part := getattr(each, key)) is not None}
+                    for each in own
+                ]
+                for own in self.rounds
             ],
         }
 
@@ -137,6 +143,7 @@ class Learners:
             env.reset(seed=integer(seed, "world of a round", number), options={"position": start})
             for env, seed, start in zip(envs, seeds, self._starts(layout, number, rngs), strict=True)
         ]
+        goals = self._goals(layout, number)
         act = (
             self._random(rngs)
             if isinstance(self.settings, RandomLearning)
@@ -145,7 +152,7 @@ class Learners:
         sensed, infos = [list(each) for each in zip(*begun, strict=True)]
         records: list[dict[str, list[Any]]] = [
             {"position": [each["position"]], "true_position": [info["position"]], "action": []}
-            | {"touching": [], "in_fog": []}
+            | {"touching": [], "in_fog": [], **({"goal": []} if goals else {})}
             for each, info in begun
         ]
         for step in range(self.settings.round_steps):
@@ -153,13 +160,17 @@ class Learners:
                 torch.from_numpy(np.stack([each[key] for each in sensed]).astype(np.float32))
                 for key in ("position", "delta")
             )
-            actions = act(position, delta, step)
+            actions = act(position, delta, torch.from_numpy(goals.position) if goals else None, step)
             results = [env.step(action) for env, action in zip(envs, actions, strict=True)]
             sensed, infos = [result[0] for result in results], [result[4] for result in results]
             for record, action, each, info in zip(records, actions, sensed, infos, strict=True):
                 news = {"position": each["position"], "true_position": info["position"], "action": action}
                 for key, value in {**news, "touching": info["touching"], "in_fog": info["in_fog"]}.items():
                     record[key].append(value)
+            if goals:
+                for record, goal in zip(records, goals.position, strict=True):
+                    record["goal"].append(goal)
+                goals.move_on(np.stack([info["position"] for info in infos]))
         return [self._restored(number, {key: _array(part) for key, part in record.items()}) for record in records]
 
     def _starts(self, layout: Layout, number: int, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
@@ -171,21 +182,28 @@ class Learners:
         # Where the vehicle touches something, it is a hair's breadth inside.
         return [path[layout.is_free(path, self.vehicle.radius)][0] for path in paths]
 
+    def _goals(self, layout: Layout, number: int) -> Goals | None:
+        """The goals of all agents in a round, if they have some."""
+        if not isinstance(self.settings, GoalLearning):
+            return None
+        rngs = [generator(seed, "goals of a round", number) for seed in self.agents]
+        return Goals(layout, self.vehicle, self.settings.goal_radius, rngs)
+
     def _random(self, rngs: Sequence[np.random.Generator]) -> Act:
         exploration = self.exploration.model_copy(update={"num_steps": self.settings.round_steps})
         drawn = np.stack([random_actions(exploration, rng) for rng in rngs], axis=1)  # [S, A, 4]
-        return lambda position, delta, step: drawn[step]
+        return lambda position, delta, goal, step: drawn[step]
 
-    def _informed(self, settings: SeekingLearning, layout: Layout, rngs: Sequence[np.random.Generator]) -> Act:
+    def _informed(self, settings: AnyPlanningLearning, layout: Layout, rngs: Sequence[np.random.Generator]) -> Act:
         lookup = AffordanceMap.paint(self.stack, [layout.map], settings.spacing)
         explorer = Explorer(self.stack, lookup, self.exploration, settings)
         plans = np.empty(0)
 
-        def act(position: Tensor, delta: Tensor, step: int) -> np.ndarray:
+        def act(position: Tensor, delta: Tensor, goal: Tensor | None, step: int) -> np.ndarray:
             nonlocal plans
             place = step % settings.executed_steps
             if place == 0:
-                plans = explorer.choose(position, delta, rngs).numpy()
+                plans = explorer.choose(position, delta, goal, rngs).numpy()
             return plans[:, place]
 
         return act

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from affmap.settings import Count, Positive, Settings, preset
+from affmap.settings import Count, Length, NonNegative, Positive, Settings, preset
 
 
 class OfflineLearning(Settings, defaults="learning/offline"):
@@ -40,11 +40,9 @@ class RandomLearning(OnlineLearning, defaults="learning/random"):
     kind: Literal["random"] = preset()
 
 
-class SeekingLearning(OnlineLearning, defaults="learning/disagreement"):
-    """Agents that seek what they could learn from (`conf/learning/disagreement.yaml` and others)."""
+class PlanningLearning(OnlineLearning):
+    """Agents that choose among plans, which they imagine with all models of their committees."""
 
-    kind: Literal["deviation", "disagreement", "information"] = preset()
-    """The signal of `affmap.planning.information` that a plan should promise."""
     num_plans: Count = preset()
     """N, plans that an agent chooses from; they are drawn as random actions are."""
     plan_steps: Count = preset()
@@ -66,7 +64,27 @@ class SeekingLearning(OnlineLearning, defaults="learning/disagreement"):
         return self
 
 
-AnyOnlineLearning = RandomLearning | SeekingLearning
+class SeekingLearning(PlanningLearning, defaults="learning/disagreement"):
+    """Agents that seek what they could learn from (`conf/learning/disagreement.yaml` and others)."""
+
+    kind: Literal["deviation", "disagreement", "information"] = preset()
+    """The signal of `affmap.planning.information` that a plan should promise."""
+
+
+class GoalLearning(PlanningLearning, defaults="learning/goals"):
+    """Agents that fly to random goals from the very beginning (`conf/learning/goals.yaml` and others)."""
+
+    kind: Literal["goals"] = preset()
+    information_weight: Annotated[NonNegative, Field(le=1e6)] = preset()
+    """Weight of the information gain against the expected free energy; 0 for goals alone."""
+    goal_std: Length = preset()
+    """Standard deviation of the desired position, u."""
+    goal_radius: Length = preset()
+    """Distance below which a goal is reached, u; then the next one is drawn."""
+
+
+AnyPlanningLearning = SeekingLearning | GoalLearning
+AnyOnlineLearning = RandomLearning | AnyPlanningLearning
 
 AnyLearning = Annotated[OfflineLearning | AnyOnlineLearning, Field(discriminator="kind")]
 """Settings from a file of `conf/learning`, distinguished by `kind`."""

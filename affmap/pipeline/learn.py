@@ -11,8 +11,9 @@ from torch import Tensor
 from affmap.config.root import Config
 from affmap.data.batches import DataModule
 from affmap.data.collect import DATASET, coverage
+from affmap.learning.goals import is_reached
 from affmap.learning.learners import Learners
-from affmap.learning.settings import AnyOnlineLearning
+from affmap.learning.settings import AnyOnlineLearning, GoalLearning
 from affmap.model.stack import Stack
 from affmap.model.weights import SNAPSHOT, WEIGHTS, copy, save
 from affmap.pipeline.progress import track
@@ -85,4 +86,20 @@ def _experience(learners: Learners) -> Experience:
     shares = [[(each.touching.mean(), each.in_fog.mean()) for each in own] for own in learners.rounds]
     touching, in_fog = np.array(shares, np.float32).transpose(2, 0, 1)
     free = np.stack([each["free"] for each in covered])
-    return Experience(np.array(counts, np.int32), free, touching, in_fog, np.array(learners.agents))
+    return Experience(np.array(counts, np.int32), free, touching, in_fog, np.array(learners.agents), _reached(learners))
+
+
+def _reached(learners: Learners) -> np.ndarray | None:
+    """Goals that each agent reached in each round, `[A, R]`, if it had some."""
+    settings = learners.settings
+    if not isinstance(settings, GoalLearning):
+        return None
+    reached = [
+        [
+            is_reached(each.true_position[1:], each.goal, settings.goal_radius).sum()
+            for each in own
+            if each.goal is not None
+        ]
+        for own in learners.rounds
+    ]
+    return np.array(reached, np.int32)

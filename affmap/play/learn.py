@@ -55,7 +55,8 @@ def moments(learners: Learners) -> Iterator[Moment]:
         flown = learners.rounds[0][-1]
         for step, action in enumerate(flown.action, start=1):
             here, past = flown.true_position[step], flown.true_position[: step + 1]
-            scene = Scene(layout, learners.vehicle.radius, here, None, action=action, past=past, ground=ground)
+            goal = None if flown.goal is None else flown.goal[step - 1]
+            scene = Scene(layout, learners.vehicle.radius, here, goal, action=action, past=past, ground=ground)
             yield Moment(scene, f"{kind}, step {before + step:,}: {news}")
         news = f"training loss of round {learners.num_rounds} was {losses[0]:.1f} nats".replace("-", "\N{MINUS SIGN}")
 

@@ -81,11 +81,18 @@ class Experience(NamedTuple):
     """`[A, R]` share of the steps at whose end it was in fog."""
     agent: NDArray[np.integer]
     """`[A]` seed of the first member of its committee."""
+    reached: NDArray[np.integer] | None = None
+    """`[A, R]` goals that were reached; None for agents that have none."""
 
     @property
     def steps(self) -> NDArray[np.integer]:
         """`[R]` steps of an agent until the end of each round."""
         return self.counts[0].sum((1, 2)).cumsum()
+
+    @property
+    def goals(self) -> Floats | None:
+        """`[A, R]` goals that were reached in each step of a round, on average; None for agents that have none."""
+        return None if self.reached is None else self.reached / np.diff(self.steps, prepend=0)
 
     @property
     def coverage(self) -> Floats:
@@ -107,7 +114,9 @@ def read_experience(folders: Sequence[Path]) -> Experience:
     """Read where all agents were that learn online, which may have been divided among several stages."""
     parts = [_read_arrays(Experience, folder / EXPERIENCE) for folder in folders]
     joined = {
-        key: np.concatenate([getattr(part, key) for part in parts]) for key in Experience._fields if key != "free"
+        key: np.concatenate([getattr(part, key) for part in parts])
+        for key in Experience._fields
+        if key != "free" and getattr(parts[0], key) is not None
     }
     return parts[0]._replace(**joined)
 
@@ -365,13 +374,15 @@ Record = TypeVar("Record", Maps, Blocks, Deviations, Experience, Exploration, Tr
 
 
 def _write_arrays(path: Path, record: Maps | Blocks | Deviations | Experience | Exploration) -> None:
-    np.savez_compressed(path, allow_pickle=False, **record._asdict())
+    there = {field: array for field, array in record._asdict().items() if array is not None}
+    np.savez_compressed(path, allow_pickle=False, **there)
 
 
 def _read_arrays(record: type[Record], path: Path) -> Record:
     arrays = read_arrays(path)
     with guarded_read(path):
-        return record(**{field: arrays[field][()] for field in record._fields})
+        optional = {field for field in record._field_defaults if field not in arrays}
+        return record(**{field: arrays[field][()] for field in record._fields if field not in optional})
 
 
 def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from affmap.data.settings import Exploration
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.learning.learners import Learners
-from affmap.learning.settings import AnyOnlineLearning, RandomLearning, SeekingLearning
+from affmap.learning.settings import AnyOnlineLearning, GoalLearning, RandomLearning, SeekingLearning
 from affmap.model.registry import GRUSettings
 from affmap.model.settings import ModelSettings
 from affmap.model.stack import Stack
@@ -29,6 +29,8 @@ def learners(layouts: list[Layout], seeds: range, kind: str = "disagreement", **
     settings: AnyOnlineLearning
     if kind == "random":
         settings = RandomLearning.load("learning", kind, **rounds)
+    elif kind == "goals":
+        settings = GoalLearning.load("learning", kind, **rounds, **plans)
     else:
         settings = SeekingLearning.load("learning", kind, **rounds, **plans)
     training = TrainingSettings.load("training", "default", chunk_length=10, batch_size=3, num_epochs=4)
@@ -60,7 +62,7 @@ def test_an_agent_learns_as_it_would_alone(world: Layout, model: dict[str, Any])
             assert all(np.array_equal(one, two) for one, two in zip(own, other, strict=True))
 
 
-@pytest.mark.parametrize("kind", ["random", "deviation", "disagreement", "information"])
+@pytest.mark.parametrize("kind", ["random", "deviation", "disagreement", "information", "goals"])
 def test_agents_go_on_from_a_checkpoint_as_if_nothing_had_happened(world: Layout, kind: str) -> None:
     """Three rounds without interruption; the checkpoint is read without unpickling."""
     undisturbed, stopped = (learners([world], range(4), kind) for _ in range(2))
@@ -78,6 +80,7 @@ def test_agents_go_on_from_a_checkpoint_as_if_nothing_had_happened(world: Layout
         assert all(
             np.array_equal(*each) for one, two in zip(own, other, strict=True) for each in zip(one, two, strict=True)
         )
+    assert all((each.goal is not None) == (kind == "goals") for own in resumed.rounds for each in own)
 
 
 def test_rounds_take_turns_in_the_layouts_and_begin_where_the_last_one_ended(world: Layout) -> None:

@@ -13,7 +13,7 @@ from affmap.data.batches import read
 from affmap.data.collect import DATASET, coverage
 from affmap.gaussian import nll
 from affmap.learning.learners import Learners
-from affmap.learning.settings import SeekingLearning
+from affmap.learning.settings import GoalLearning, SeekingLearning
 from affmap.pipeline.execution import models
 from affmap.pipeline.train import trained, untrained
 from affmap.results.files import read_experience, read_validation
@@ -23,8 +23,8 @@ TINY += ["model.context_size=3", "data.num_sequences=4", "data.num_steps=30", "d
 TINY += ["training.num_epochs=3", "training.snapshot_epochs=[1,2]"]
 
 
-def config(folder: Path, *line: str) -> Config:
-    whole = values(compose(["learning=disagreement", *TINY, *line]))
+def config(folder: Path, *line: str, learning: str = "disagreement") -> Config:
+    whole = values(compose([f"learning={learning}", *TINY, *line]))
     return Config.checked({**whole, "store": folder / "store", "output": folder / "output"}, "test")
 
 
@@ -92,3 +92,25 @@ def test_places_are_counted_by_agent_round_and_layout(tmp_path: Path, layouts: l
         )
         assert experience.coverage[agent, -1] == covered
         np.testing.assert_array_equal(experience.counts[agent, :: len(layouts)].sum(0), parts[0]["counts"])
+
+
+def test_goals_are_counted_by_agent_and_round(tmp_path: Path) -> None:
+    """By hand, from true positions and goals of agents that are let learn here; those that have none count none."""
+    own = config(tmp_path, "learning.goal_radius=1.2", learning="goals")
+    experience = read_experience([models(own, ())[1]])
+    assert isinstance(own.learning, GoalLearning)
+    learners = Learners(untrained(own), own.training_layouts, own.vehicle, own.data, own.learning, own.training)
+    for _ in range(3):
+        learners.round()
+    counts = np.zeros((2, 3), int)
+    for agent, rounds in enumerate(learners.rounds):
+        for number, each in enumerate(rounds):
+            assert each.goal is not None
+            changes = (np.diff(each.goal, axis=0) != 0).any(1)
+            near = np.hypot(*(each.true_position[1:] - each.goal).T) < 1.2
+            np.testing.assert_array_equal(changes, near[:-1])
+            counts[agent, number] = near.sum()
+    assert counts.sum() > 0 and experience.goals is not None
+    np.testing.assert_array_equal(experience.reached, counts)
+    np.testing.assert_allclose(experience.goals, counts / 50)
+    assert read_experience([models(config(tmp_path / "none"), ())[1]]).goals is None

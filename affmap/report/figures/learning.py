@@ -10,12 +10,12 @@ from matplotlib.figure import SubFigure
 
 from affmap.env.layout import Layout
 from affmap.report.drawing import arena
-from affmap.report.drawing.colors import readable, x_colors
+from affmap.report.drawing.colors import names_of, x_colors
 from affmap.report.drawing.files import Drawn, new_figure
 from affmap.results.files import Experience, Floats
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import listed
-from affmap.results.setting import LEARNING, ReportSettings, Value
+from affmap.results.setting import LEARNING, Factor, ReportSettings, Value
 from affmap.results.tables import Results
 
 EARLIER = (0.1, 0.4)
@@ -59,28 +59,33 @@ def draw(results: Results, settings: ReportSettings) -> Drawn | None:
     coverage.set_title("B  Coverage", loc="left")
     foggy = [["fog" in layout.effects for layout in kind.layouts] for kind in online]
     has_fog = any(each for layouts in foggy for each in layouts)
-    if has_fog:
+    goals = [1000 * kind.experience.goals for kind in online if kind.experience and kind.experience.goals is not None]
+    if goals:
+        _shares(share, online, goals)
+    elif has_fog:
         _shares(share, online, [kind.experience.in_fog for kind in online if kind.experience], foggy)
     else:
         _shares(share, online, [kind.experience.touching for kind in online if kind.experience])
-    share.set(ylabel="share of steps", ylim=(0, None))
-    share.set_title("C  In fog" if has_fog else "C  Touching a surface", loc="left")
+    share.set(ylabel="goals per 1,000 steps" if goals else "share of steps", ylim=(0, None))
+    share.set_title("C  " + ("Goals reached" if goals else "In fog" if has_fog else "Touching a surface"), loc="left")
     above.legend(*losses.get_legend_handles_labels(), loc="outside lower center", ncols=len(kinds), frameon=False)
     _places(below, online, rounds)
-    return Drawn(figure, _caption(kinds, has_fog))
+    return Drawn(figure, _caption(kinds, has_fog, bool(goals)))
 
 
 def _kinds(results: Results, settings: ReportSettings) -> list[Kind]:
-    """The kinds of learning of a report, in its order; none where they were not varied."""
-    values = list(dict.fromkeys(each.values[LEARNING.key] for each in results.settings if LEARNING.key in each.values))
-    colors = x_colors(LEARNING, values) if values else {}
-    return [_kind(results, value, readable(str(value), settings), colors[value]) for value in values]
+    """The kinds of learning of a report, in its order; where there is one, those of the x axis."""
+    learned = results.validation.get(LEARNING.column)
+    factor = results.training_factor if learned is None or learned.nunique() == 1 else LEARNING
+    values = list(dict.fromkeys(each.values[factor.key] for each in results.settings))
+    colors, names = x_colors(factor, values), names_of(factor, values, settings)
+    return [_kind(results, factor, value, names[value], colors[value]) for value in values]
 
 
-def _kind(results: Results, value: Value, name: str, color: str) -> Kind:
-    setting = results.where({LEARNING.key: value})[0]
+def _kind(results: Results, factor: Factor, value: Value, name: str, color: str) -> Kind:
+    setting = results.where({factor.key: value})[0]
     table = results.validation
-    own = table[table[LEARNING.column] == value].drop_duplicates(["member", "epoch"])
+    own = table[table[factor.column] == value].drop_duplicates(["member", "epoch"])
     losses = own.pivot(index="epoch", columns="member", values="validation_nll").to_numpy()
     return Kind(name, color, losses, results.training_layouts(setting), results.experience(setting))
 
@@ -141,15 +146,18 @@ def _visits(experience: Experience) -> Floats:
     return counts.cumsum(0)
 
 
-def _caption(kinds: Sequence[Kind], has_fog: bool) -> str:
+def _caption(kinds: Sequence[Kind], has_fog: bool, has_goals: bool) -> str:
     offline = [kind.name for kind in kinds if not kind.experience]
     dashed = f"; dashed: {listed(offline)}, at the end of the training" if offline else ""
     in_turn = has_fog and max(len(kind.layouts) for kind in kinds) > 1
     share = "was in fog" if has_fog else "touched an obstacle or a border"
     rounds = "a round in a world with fog" if in_turn else "a round"
+    third = f"share of the steps of {rounds} at whose end it {share}"
+    if has_goals:
+        third = "goals that it reached in a round, by 1,000 steps"
     return (
         "Agents that learn online, by the steps that they have made. A: validation loss, median and quartiles over "
-        f"models{dashed}. B: share of the free cells that an agent has visited, and C: share of the steps of "
-        f"{rounds} at whose end it {share}, mean and standard deviation over agents. Below: the places that the first "
+        f"models{dashed}. B: share of the free cells that an agent has visited, and C: "
+        f"{third}, mean and standard deviation over agents. Below: the places that the first "
         "agent of each kind had visited, and how often; free cells that it had not are red."
     )

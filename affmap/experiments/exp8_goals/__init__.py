@@ -1,0 +1,1 @@
+"""Experiment VIII with goals from the very beginning."""
