@@ -25,7 +25,7 @@ from affmap.pipeline.job import open_store
 from affmap.pipeline.stage import CONTROL, DATA, MAP, TRAIN, control_of
 from affmap.planning.cem import CEMPlanner
 from affmap.planning.gradient import GradientPlanner
-from affmap.settings import ConfigError, folder
+from affmap.settings import ConfigError, folder, names
 from affmap.training.settings import TrainingSettings
 
 CONF = folder()
@@ -347,7 +347,7 @@ def test_bad_values_of_agents_that_know_the_physics_are_named() -> None:
             checked(values, agent={"kind": agent})
 
 
-@pytest.mark.parametrize("kind", ["random", "deviation", "disagreement", "information"])
+@pytest.mark.parametrize("kind", [name for name in names("learning") if name != "offline"])
 def test_bad_values_of_learning_online_are_named(kind: str) -> None:
     """Single keys, and keys that do not go together."""
     values = by_hand(learning=kind)
@@ -371,6 +371,10 @@ def test_bad_values_of_learning_online_are_named(kind: str) -> None:
         with pytest.raises(ConfigError, match=r"learning.num_plans = 5 is not a known key of kind = 'random'"):
             checked(values, learning__num_plans=5)
     else:
+        if kind == "goals":
+            for key, value in (("information_weight", -1), ("goal_std", 0), ("goal_radius", 0)):
+                with pytest.raises(ConfigError, match=rf"learning.{key} = {value} is not allowed"):
+                    checked(values, **{f"learning__{key}": value})
         with pytest.raises(ConfigError, match=r"executed_steps = 21 is more than plan_steps = 20; plan as many"):
             checked(values, learning__executed_steps=21)
         with pytest.raises(ConfigError, match=r"members = 1 is no committee, .* say members=2 or more"):
