@@ -66,7 +66,7 @@ def _untouched(is_noisy: NDArray[np.bool_], touching: NDArray[np.bool_]) -> NDAr
         is_noisy: `[S, T + 1, 2]`, whether coordinates are reported with noise.
         touching: `[S, T]`, whether a surface is touched at the end of the step.
     """
-    in_fog = is_noisy.any(-1)
+    in_fog = np.asarray(is_noisy.any(-1))
     untouched = np.zeros(touching.shape, bool)
     since = np.ones(len(touching), bool)
     for step, touched in enumerate(touching.T):

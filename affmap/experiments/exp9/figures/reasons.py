@@ -1,7 +1,7 @@
 """Reasons for errors of beliefs and for few arrivals: noise of reports in beliefs, speeds in fog, and walls passed."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -24,7 +24,7 @@ SIGNS = (("o", "-"), ("D", "--"))
 """Markers and lines of the layouts, in turn."""
 
 BOUND = "filter (knows the physics)"
-BOUND_LOOK = {"color": "black", "ls": ":", "lw": 1.1}
+BOUND_LOOK: dict[str, Any] = {"color": "black", "ls": ":", "lw": 1.1}
 
 
 class Series(NamedTuple):
