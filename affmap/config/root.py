@@ -216,10 +216,9 @@ class Config(Settings):
             task = self.variation.vary(task, generator(self.seed, "variation", 0))
         if task.settings.goal_distance is not None:
             if self.control.goal_radius >= task.settings.goal_distance:
-                key = f"variation = '{self.variation}'" if self.variation else "control.goal_distance"
                 raise ValueError(
-                    f"{key} puts goals {task.settings.goal_distance:g} u away, and control.goal_radius = "
-                    f"{self.control.goal_radius} would count runs as successes where they start; make it smaller."
+                    f"control.goal_distance puts goals {task.settings.goal_distance:g} u away, and control.goal_radius "
+                    f"= {self.control.goal_radius} would count runs as successes where they start; make it smaller."
                 )
         elif self.control.goal_radius >= task.layout.shortest_way:
             raise ValueError(

@@ -149,7 +149,7 @@ def num_runs(runs: int | None, *places: ArrayLike | None) -> int | None:
 
 
 def places(
-    name: str, given: ArrayLike | None, shape: tuple[int, int], layout: Layout, radius: float = 0.0
+    name: str, given: ArrayLike | None, shape: tuple[int, int], layouts: Sequence[Layout], radius: float = 0.0
 ) -> np.ndarray | None:
     """Starts or goals of B runs, `[B, 2]` in u (member-major); None for None.
 
@@ -157,7 +157,7 @@ def places(
         name: for errors.
         given: `[R, 2]`, the same for each member; or `[B, 2]`; or `[2]`, the same for all.
         shape: M and R, numbers of members and of runs of each.
-        layout: the world.
+        layouts: the world of all runs, or of each of the B.
         radius: of the disc that must fit there, u.
 
     Raises:
@@ -177,14 +177,14 @@ def places(
             f"{name} has the shape {list(points.shape)}; give one point for each of the {runs} runs of a member, "
             f"[{runs}, 2], or one for all, [2]."
         )
-    free = layout.is_free(points, radius)
-    if not free.all():
-        point = points.reshape(-1, 2)[free.argmin()]
-        room = f"with room for a vehicle of radius {radius} u" if radius else "outside of obstacles"
-        raise ConfigError(
-            f"{name}: {point.tolist()} is not allowed; give a point of the arena {list(layout.size)} (u) of "
-            f"{layout.name!r}, {room}."
-        )
-    if len(points.reshape(-1, 2)) == members * runs:
-        return points.reshape(-1, 2)
-    return np.broadcast_to(points, (members, runs, 2)).reshape(-1, 2)
+    whole = len(points.reshape(-1, 2)) == members * runs
+    points = points.reshape(-1, 2) if whole else np.broadcast_to(points, (members, runs, 2)).reshape(-1, 2)
+    worlds = [*layouts] * (len(points) if len(layouts) == 1 else 1)
+    for point, layout in zip(points, worlds, strict=True):
+        if not layout.is_free(point, radius).all():
+            room = f"with room for a vehicle of radius {radius} u" if radius else "outside of obstacles"
+            raise ConfigError(
+                f"{name}: {point.tolist()} is not allowed; give a point of the arena {list(layout.size)} (u) of "
+                f"{layout.name!r}, {room}."
+            )
+    return points

@@ -19,6 +19,8 @@ from affmap.control import arguments
 from affmap.control.agent import Agent, ControlSettings, check_channels, prediction_error, seeds_of
 from affmap.control.controller import Controller, Decision, Observation
 from affmap.control.oracle import Oracle
+from affmap.control.variation import AnyVariation, make_tasks
+from affmap.control.variation import load as load_variation
 from affmap.env.body import AnyVehicle, Vehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout, first_layout
@@ -140,6 +142,7 @@ def fly(
     goals: ArrayLike | None = None,
     seed: int = 0,
     vehicle: AnyVehicle | None = None,
+    variation: AnyVariation | None = None,
     progress: bool = True,
     threads: int = 1,
 ) -> Runs:
@@ -158,6 +161,9 @@ def fly(
         goals: where they should end, likewise. By default a random place in the opposite corner.
         seed: of starts, goals and all other random numbers; 0 gives the runs of reports.
         vehicle: the physics; by default that which the agent was trained in, else that of `conf/vehicle/default.yaml`.
+        variation: what is other than at home, a factor and its value as in sweeps, such as `mass/0.2`; the factors are
+            those of `affmap.control.variation.FACTORS`. Agents are not told, only those that know the physics. By
+            default nothing.
         progress: whether a terminal shows the number of steps done.
         threads: of PyTorch, during the flight.
 
@@ -166,8 +172,8 @@ def fly(
 
     Raises:
         ConfigError: it is no agent, or was trained with other channels; there is no such file; a number is not allowed;
-            there are no threads; a start or a goal is outside of the arena or in an obstacle; or an obstacle stands in
-            a corner where runs start.
+            there are no threads; a start or a goal is outside of the arena or in an obstacle; an obstacle stands in a
+            corner where runs start; or there is no such variation, or the layout cannot have it.
 
     Warns:
         UserWarning: the vehicle is another than the agent was trained with.
@@ -175,35 +181,40 @@ def fly(
     seeds = seeds_of(arguments.agent(controller))
     first, physics = first_layout(layout, seeds[0]), arguments.vehicle(controller, vehicle)
     settings = arguments.settings(controller, arguments.num_runs(runs, starts, goals), steps)
-    shape = len(seeds), settings.runs_per_member
-    show = reported if progress else silent
+    shape, seed = (len(seeds), settings.runs_per_member), arguments.whole("seed", seed)
+    streams = arguments.streams(seeds, settings.runs_per_member, seed)
+    varied = load_variation(variation)
+    tasks = make_tasks(varied, [first], physics, settings, streams)
+    show, layouts = reported if progress else silent, [task.layout for task in tasks]
+    _, physics, settings = tasks[0]
     with (
         limited(threads),
         show(f"flight in {first.name}", settings.num_steps, "steps", on_terminal_only=True) as update,
     ):
         return control(
-            bring(controller, first),
-            [first],
+            bring(controller, *layouts, vehicle=physics if varied else None),
+            layouts,
             physics,
             settings,
             seeds,
             update,
-            starts=arguments.places("starts", starts, shape, first, physics.radius),
-            goals=arguments.places("goals", goals, shape, first),
-            seed=arguments.whole("seed", seed),
+            starts=arguments.places("starts", starts, shape, layouts, physics.radius),
+            goals=arguments.places("goals", goals, shape, layouts),
+            seed=seed,
         )
 
 
-def bring(controller: Controller, *layouts: Layout) -> Controller:
+def bring(controller: Controller, *layouts: Layout, vehicle: Vehicle | None = None) -> Controller:
     """Bring a controller into a layout, or into those of B vehicles (member-major).
 
-    Agents with a look-up or knowledge of the world are copied, others returned.
+    Agents with a look-up or knowledge of the world are copied, others returned. One that knows the physics is told of
+    another `vehicle`.
 
     Raises:
         ConfigError: an `Agent` was trained with other channels.
     """
     if isinstance(controller, Oracle):
-        return controller.elsewhere(layouts)
+        return controller.elsewhere(layouts, vehicle)
     if isinstance(controller, Agent):
         for layout in layouts:
             check_channels(controller, layout)

@@ -12,6 +12,8 @@ from affmap.control.agent import Agent, seeds_of
 from affmap.control.controller import Controller
 from affmap.control.episodes import Runs, bring, control
 from affmap.control.oracle import HalfOracle
+from affmap.control.variation import AnyVariation, make_tasks
+from affmap.control.variation import load as load_variation
 from affmap.env.body import AnyVehicle
 from affmap.env.layout import Layout
 from affmap.env.procedural import AnyLayout
@@ -30,6 +32,7 @@ def evaluate(
     steps: int | None = None,
     seed: int = 0,
     vehicle: AnyVehicle | None = None,
+    variation: AnyVariation | None = None,
     progress: bool = True,
     threads: int = 1,
 ) -> pd.DataFrame:
@@ -47,6 +50,9 @@ def evaluate(
         steps: T, length of the runs; by default that of the agent's settings.
         seed: of starts, goals, worlds and all other random numbers.
         vehicle: the physics; by default that which each agent was trained in.
+        variation: what is other than at home, a factor and its value as in sweeps, such as `mass/0.2`; the factors are
+            those of `affmap.control.variation.FACTORS`. Agents are not told, only those that know the physics. By
+            default nothing.
         progress: whether a terminal shows the number of steps done.
         threads: of PyTorch, during the flights.
 
@@ -57,7 +63,8 @@ def evaluate(
 
     Raises:
         ConfigError: there is no such layout, or an agent was trained with other channels; or there are no agents, or
-            two layouts of one name; or there are no threads; or an obstacle stands in a corner where runs start.
+            two layouts of one name; or there are no threads; or an obstacle stands in a corner where runs start; or
+            there is no such variation, or a layout cannot have it.
 
     Warns:
         UserWarning: the vehicle is another than an agent was trained with.
@@ -69,25 +76,26 @@ def evaluate(
         raise ConfigError(f"two layouts have the name {twice[0]!r}; give each a name of its own.")
     if not named or not places:
         raise ConfigError("evaluate needs an agent and a layout, as in affmap.evaluate(agent, 'original').")
-    tables = []
+    varied, seed, tables = load_variation(variation), arguments.whole("seed", seed), []
     with limited(threads):
         for name, agent in named.items():
-            physics, settings = arguments.vehicle(agent, vehicle), arguments.settings(agent, runs, steps)
+            at_home = arguments.vehicle(agent, vehicle), arguments.settings(agent, runs, steps)
+            streams = arguments.streams(seeds_of(agent), at_home[1].runs_per_member, seed)
             for place in places:
-                worlds = _worlds(place, agent, settings.runs_per_member, arguments.whole("seed", seed))
+                tasks = make_tasks(varied, _worlds(place, streams), *at_home, streams)
+                worlds, (_, physics, settings) = [task.layout for task in tasks], tasks[0]
                 show = reported if progress else silent
                 with show(f"{name} in {place.name}", settings.num_steps, "steps", on_terminal_only=True) as update:
-                    controller = bring(agent, *worlds)
+                    controller = bring(agent, *worlds, vehicle=physics if varied else None)
                     flown = control(controller, worlds, physics, settings, seeds_of(agent), update, seed=seed)
                 tables.append(_table(name, agent, place.name, flown))
     return pd.concat(tables, ignore_index=True)
 
 
-def _worlds(place: Layout | Rules, agent: Controller, num_runs: int, seed: int) -> list[Layout]:
-    """The layout; or one for each run of each member (member-major), drawn by rules."""
+def _worlds(place: Layout | Rules, streams: Sequence[tuple[int, ...]]) -> list[Layout]:
+    """The layout; or one for each run, by its random stream (member-major), drawn by rules."""
     if isinstance(place, Layout):
         return [place]
-    streams = arguments.streams(seeds_of(agent), num_runs, seed)
     return [place.draw(generator(member, "world", *keys)) for member, *keys in streams]
 
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from affmap.control.controller import Observation
 from affmap.control.oracle import Oracle
+from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.gaussian import Gaussian
 from affmap.model.transition import Carry
@@ -34,9 +35,9 @@ class Filter(Oracle):
     near each other.
     """
 
-    def elsewhere(self, layouts: Sequence[Layout]) -> Filter:
-        """Copy of the agent for another world, or for B others (member-major)."""
-        return Filter(layouts, self.vehicle, self.planner, self.settings, self.step_std)
+    def elsewhere(self, layouts: Sequence[Layout], vehicle: Vehicle | None = None) -> Filter:
+        """Copy of the agent for another world, or for B others (member-major), and perhaps for another vehicle."""
+        return Filter(layouts, vehicle or self.vehicle, self.planner, self.settings, self.step_std)
 
     def initial_carry(self, num_problems: int) -> Carry:
         """No belief before the first report, which is taken for exact: NaN, two places `[1, B, 2]`."""

@@ -91,9 +91,9 @@ class Oracle(PlanningAgent):
         layouts = [self._layouts[number * len(self._layouts) // len(is_open)] for number in range(len(is_open))]
         return [each.opened if opened else each for each, opened in zip(layouts, is_open, strict=True)]
 
-    def elsewhere(self, layouts: Sequence[Layout]) -> Oracle:
-        """Copy of the agent for another world, or for B others (member-major)."""
-        return Oracle(layouts, self.vehicle, self.planner, self.settings, self.step_std, self._as_seen)
+    def elsewhere(self, layouts: Sequence[Layout], vehicle: Vehicle | None = None) -> Oracle:
+        """Copy of the agent for another world, or for B others (member-major), and perhaps for another vehicle."""
+        return Oracle(layouts, vehicle or self.vehicle, self.planner, self.settings, self.step_std, self._as_seen)
 
     def imagine(self, observation: Observation, actions: Tensor, carry: Carry | None = None) -> Gaussian:
         """Imagine candidates, see `PlanningAgent.imagine`."""
@@ -159,15 +159,15 @@ class HalfOracle(Oracle):
     def __repr__(self) -> str:
         return f"HalfOracle(true {'mean' if self.true_mean else 'deviation'}, {self.agent!r})"
 
-    def elsewhere(self, layouts: Sequence[Layout]) -> HalfOracle:
-        """Copy of the agent for another world, or for B others (member-major).
+    def elsewhere(self, layouts: Sequence[Layout], vehicle: Vehicle | None = None) -> HalfOracle:
+        """Copy of the agent for another world, or for B others (member-major), and perhaps for another vehicle.
 
         Raises:
             ConfigError: the learned half was trained with other channels.
         """
         check_channels(self.agent, layouts[0])
         agent = self.agent.elsewhere([layout.map for layout in layouts])
-        return HalfOracle(agent, layouts, self.vehicle, self.true_mean, self.step_std)
+        return HalfOracle(agent, layouts, vehicle or self.vehicle, self.true_mean, self.step_std)
 
     def merged(self, is_open: Sequence[bool]) -> HalfOracle:
         """Copy in which some worlds are without doors, see `PlanningAgent.merged`."""

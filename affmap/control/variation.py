@@ -7,7 +7,7 @@ agent is not told: it keeps its model, and all that it knows of the vehicle. Ora
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
@@ -18,7 +18,9 @@ from affmap.control.settings import ControlSettings
 from affmap.env.body import Vehicle
 from affmap.env.effects import pulls
 from affmap.env.layout import Circle, Layout
+from affmap.random import generator
 from affmap.settings import ConfigError, Number, Settings
+from affmap.settings.messages import format_value
 
 HOME = "home"
 """The value of the key `variation` where nothing is varied."""
@@ -126,7 +128,13 @@ def _has_fields(task: Task) -> bool:
 
 
 def _goal(task: Task, value: float, rng: np.random.Generator) -> Task:
-    return task._replace(settings=task.settings.model_copy(update={"goal_distance": value}))
+    settings = task.settings.model_copy(update={"goal_distance": value})
+    if settings.goal_radius >= value:
+        raise ConfigError(
+            f"it puts goals {value:g} u away, and control.goal_radius = {settings.goal_radius} would count runs as "
+            "successes where they start; make it smaller."
+        )
+    return task._replace(settings=settings)
 
 
 def _step(task: Task, value: float, rng: np.random.Generator) -> Task:
@@ -249,6 +257,59 @@ class Variation(Settings):
             raise ValueError(
                 f"should be {HOME}, or a factor and its value, such as mass/0.2; factors are {', '.join(FACTORS)}"
             ) from None
+
+
+AnyVariation = Variation | Mapping[str, Any] | str
+"""A variation, its keys and values, or its text, such as `mass/0.2`."""
+
+
+def load(given: AnyVariation | None) -> Variation | None:
+    """A variation from its text, or from its keys and values; None for `home` and for None.
+
+    Raises:
+        ConfigError: there is no such factor, or its value is no number.
+    """
+    if given is None or isinstance(given, Variation):
+        return given
+    if not isinstance(given, str | Mapping):
+        raise ConfigError(
+            f"variation = {format_value(given)} is not allowed; give a factor and its value, such as 'mass/0.2'."
+        )
+    try:
+        values = Variation.read(given)
+    except ValueError as error:
+        raise ConfigError(f"variation = {format_value(given)} is not allowed: it {error}.") from None
+    return None if values is None else Variation.checked(values, "variation")
+
+
+def make_tasks(
+    variation: Variation | None,
+    layouts: Sequence[Layout],
+    vehicle: Vehicle,
+    settings: ControlSettings,
+    streams: Sequence[tuple[int, ...]],
+) -> list[Task]:
+    """The one task of B runs, or a task for each: where they have layouts of their own, or a factor draws some.
+
+    Tasks differ in their layouts only.
+
+    Args:
+        variation: of all tasks, or None.
+        layouts: the layout, or B of them (member-major).
+        vehicle: the one at home.
+        settings: those at home.
+        streams: seed and keys of the random streams of the B runs.
+
+    Raises:
+        ConfigError: a task cannot be varied so.
+    """
+    if variation and variation.is_random and len(layouts) == 1:
+        layouts = [*layouts] * len(streams)
+    tasks = [Task(layout, vehicle, settings) for layout in layouts]
+    if variation is None:
+        return tasks
+    generators = (generator(seed, "variation", *keys) for seed, *keys in streams)
+    return [variation.vary(task, rng) for task, rng in zip(tasks, generators, strict=False)]
 
 
 def _changed(circle: Circle, **update: Any) -> Circle:

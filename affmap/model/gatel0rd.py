@@ -28,8 +28,6 @@ class GateL0RD(TransitionModel):
     Weights are in the order g, r, p, o; they begin as those of `torch.nn.Linear` with all inputs and the state.
     """
 
-    has_penalty = True
-
     def __init__(
         self,
         generators: Generators,
@@ -85,8 +83,8 @@ class GateL0RD(TransitionModel):
         prediction = step.predict(torch.stack(states, dim=1).flatten(1, 2), of_output)
         return (hidden,), Gaussian(*(part.unflatten(1, shape[::-1]).transpose(1, 2) for part in prediction))
 
-    def penalty(self) -> Tensor:
-        """Term of the loss for open gates, see `TransitionModel.penalty`."""
+    def auxiliary_loss(self) -> Tensor:
+        """Loss for open gates, see `TransitionModel.auxiliary_loss`."""
         return self.gate_penalty * self._open
 
     def _noise(self, shape: torch.Size) -> Tensor:

@@ -32,9 +32,6 @@ class TransitionModel(nn.Module, ABC):
     Every parameter is `[M, ...]`, and the loss is the sum over members.
     """
 
-    has_penalty = False
-    """Whether the training loss has a term of its own, `penalty`."""
-
     @abstractmethod
     def initial(self, num_sequences: int = 1) -> Carry:
         """Carry at the beginning of `num_sequences` (P) sequences of each member, tensors `[M, P, hidden]`."""
@@ -50,13 +47,9 @@ class TransitionModel(nn.Module, ABC):
         As `step()`, for `[M, B, T, features]`; `delta` and `action` may be the same for all members, `[1, B, T, ...]`.
         """
 
-    def penalty(self) -> Tensor:
-        """Term of the training loss that follows from the last `unroll`, `[M]` in nats.
-
-        Raises:
-            NotImplementedError: there is none, see `has_penalty`.
-        """
-        raise NotImplementedError
+    def auxiliary_loss(self) -> Tensor | None:
+        """Further term of the training loss that follows from the last `unroll`, `[M]` in nats; None without one."""
+        return None
 
 
 class Memoryless(TransitionModel):

@@ -14,7 +14,7 @@ from affmap.control.episodes import control
 from affmap.control.filter import Filter
 from affmap.control.oracle import HalfOracle, Oracle
 from affmap.control.registry import AgentSettings, OracleSettings
-from affmap.control.variation import Task
+from affmap.control.variation import Task, make_tasks
 from affmap.env.body import Vehicle
 from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
@@ -86,21 +86,14 @@ def _controller(
 
 
 def _tasks(config: Config) -> list[Task]:
-    """The one task of all agents, or a task for each (member-major), the same in all settings but for variations.
-
-    They differ in their layouts only.
-    """
-    layout, variation = config.control_layout, config.variation
+    """The one task of all agents, or a task for each (member-major), the same in all settings but for variations."""
+    layout = config.control_layout
     keys = [(seed, run) for seed in config.pilots for run in range(config.control.runs_per_member)]
     if isinstance(layout, Layout):
-        layouts = [layout] * (len(keys) if variation and variation.is_random else 1)
+        layouts = [layout]
     else:
         layouts = [layout.draw(generator(seed, "world", run)) for seed, run in keys]
-    tasks = [Task(each, config.vehicle, config.control) for each in layouts]
-    if not variation:
-        return tasks
-    generators = (generator(seed, "variation", run) for seed, run in keys)
-    return [variation.vary(task, rng) for task, rng in zip(tasks, generators, strict=False)]
+    return make_tasks(config.variation, layouts, config.vehicle, config.control, keys)
 
 
 def _lookup_error(

@@ -38,3 +38,31 @@ def error_after(paths: Trajectories, steps: int) -> Floats:
         own = squares[paths.member == member][chosen[paths.member == member]]
         result.append(np.sqrt(own.mean()) if len(own) else np.nan)
     return np.array(result)
+
+
+def noise_share(errors: Floats, noise: Floats) -> Floats:
+    """Share of the noise of reports in the errors of beliefs, by least squares: `[M]`; NaN without noise.
+
+    Args:
+        errors: `[M, N, 2]`, u.
+        noise: `[N, 2]`, u.
+    """
+    power = np.square(noise).sum()
+    return np.asarray((errors * noise).sum((1, 2)) / (power if power else np.nan))
+
+
+def filter_error(gain: Floats, noise_std: float) -> Floats:
+    """Error in the long run of a filter that knows each step and moves its belief towards reports, `[...]` in u.
+
+    Args:
+        gain: share of the way to the report, 0 to 1.
+        noise_std: standard deviation of each reported coordinate, u.
+    """
+    return noise_std * np.sqrt(2 * gain / (2 - gain))
+
+
+def speeds_in_fog(paths: Trajectories) -> Floats:
+    """Mean length of each member's steps that end in fog, `[M]` in u, members ascending; NaN without one."""
+    lengths = np.linalg.norm(np.diff(paths.position, axis=1), axis=-1)
+    own = [lengths[paths.member == member][paths.in_fog[paths.member == member]] for member in np.unique(paths.member)]
+    return np.array([steps.mean() if len(steps) else np.nan for steps in own])

@@ -86,31 +86,26 @@ class TrainingModule(lightning.LightningModule):
 
     def update(self, batch: Batch, optimizer: torch.optim.Optimizer) -> Tensor:
         """Make an update of all members; return their losses before it, `[M]` in nats."""
-        if loops.usable(self.stack) and not self._has_terms:
+        of_codes = self.stack.vision is not None and self.stack.settings.code.has_terms
+        if loops.usable(self.stack) and not of_codes:
             compute: Any = partial(loops.update, self.stack, batch, optimizer, [norm for _, _, norm in self._parts()])
             losses: Any = optimizer.step(compute)  # finds no gradients, and does nothing more than count
             return losses
         predicted = self._predict(batch)
         losses = nll(predicted.prediction, batch.target).mean((1, 2))
-        total = losses + self._terms(predicted) if self._has_terms else losses
-        total.sum().backward()  # the gradient of each is what it would be alone
+        (losses + self._terms(predicted)).sum().backward()  # the gradient of each is what it would be alone
         self.configure_gradient_clipping(optimizer)
         optimizer.step()
         optimizer.zero_grad()
         return losses.detach()
 
-    @property
-    def _has_terms(self) -> bool:
-        """Whether the loss of an update has terms besides the likelihood."""
-        of_codes = self.stack.vision is not None and self.stack.settings.code.has_terms
-        return of_codes or self.stack.transition.has_penalty
-
     def _terms(self, predicted: Predicted) -> Tensor:
         """What is added to the loss of an update besides the likelihood, `[M]` in nats."""
         settings, (batch, carry, code, prediction) = self.stack.settings.code, predicted
         terms = code.new_zeros(len(code))
-        if self.stack.transition.has_penalty:
-            terms = terms + self.stack.transition.penalty()
+        auxiliary = self.stack.transition.auxiliary_loss()
+        if auxiliary is not None:
+            terms = terms + auxiliary
         if self.stack.vision is None:
             return terms
         if settings.paste and batch.pasted is not None:

@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 from commands import jobs
 
 import affmap
 from affmap.control.agent import Agent
-from affmap.control.oracle import HalfOracle
+from affmap.control.oracle import HalfOracle, Oracle
 from affmap.control.random import RandomAgent
 from affmap.pipeline.control import make_runs
 from affmap.pipeline.stage import TRAIN
@@ -77,31 +78,78 @@ def test_one_agent_and_one_layout_need_no_names(agents: dict[str, Agent]) -> Non
     assert affmap.evaluate(RANDOM, "original", runs=1, steps=1)["agent"].tolist() == ["random"]
 
 
-def test_random_worlds_are_those_of_a_sweep(tmp_path: Path) -> None:
-    """Every run of every member in a world of its own: all that the stage of control writes of them."""
-    tiny = {"num_sequences": 4, "num_validation": 1, "num_steps": 20}
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Agent, Path]:
+    """A toy agent of two members, and the folder of its store."""
+    folder = tmp_path_factory.mktemp("trained")
     agent = affmap.train(
         "four_properties",
         context_size=1,
         members=2,
         epochs=2,
-        data=tiny,
+        data={"num_sequences": 4, "num_validation": 1, "num_steps": 20},
         lookup={"spacing": 0.25},
         planner={"num_iterations": 3},
-        folder=tmp_path / "store",
+        folder=folder / "store",
         progress=False,
     )
-    settings = ["world=four_properties", "control_layout=procedural_easy", "control.runs_per_member=3"]
-    (config,) = jobs(tmp_path, *settings, "model.context_size=1")
-    attempt = Attempt.begin(tmp_path / "control")
-    make_runs(config, tmp_path / "store" / "train" / TRAIN.of(config).digest, None, attempt)
+    return agent, folder
+
+
+SAME = [*metrics.PLACES, *metrics.stored_metrics()]
+"""Columns of the stage of control that evaluations have, too."""
+
+
+def swept(folder: Path, output: Path, *settings: str) -> pd.DataFrame:
+    """The runs that the stage of control writes in a sweep with the toy agent."""
+    (config,) = jobs(folder, "world=four_properties", "model.context_size=1", "control.runs_per_member=3", *settings)
+    attempt = Attempt.begin(output)
+    make_runs(config, folder / "store" / "train" / TRAIN.of(config).digest, None, attempt)
+    return files.read_runs(attempt.folder, SAME)[SAME]
+
+
+def test_random_worlds_are_those_of_a_sweep(trained: tuple[Agent, Path], tmp_path: Path) -> None:
+    """Every run of every member in a world of its own: all that the stage of control writes of them."""
+    agent, folder = trained
+    written = swept(folder, tmp_path / "control", "control_layout=procedural_easy")
     rules = affmap.Procedural.load("layout", "procedural_easy")
     table = affmap.evaluate(agent, rules, runs=3, steps=3)
-    same = [*metrics.PLACES, *metrics.stored_metrics()]
-    written = files.read_runs(attempt.folder, same)[same].astype(table[same].dtypes)
-    pd.testing.assert_frame_equal(table[same], written, atol=1e-5)
+    pd.testing.assert_frame_equal(table[SAME], written.astype(table[SAME].dtypes), atol=1e-5)
     other = affmap.evaluate(agent, rules, runs=3, steps=3, seed=1)
     assert (other["goal_x"] != table["goal_x"]).all() and len(other) == 6
+
+
+@pytest.mark.parametrize("variation", ["mass/0.4", "size/1.2", "noise/0.1", "goal/0.5", "step/16.7", "home"])
+@pytest.mark.parametrize("kind", ["planner", "oracle"])
+def test_variations_are_those_of_a_sweep(
+    kind: str, variation: str, trained: tuple[Agent, Path], tmp_path: Path
+) -> None:
+    """An agent of two members, which is not told, and an oracle of one, which is; in one world, and in random ones."""
+    agent, folder = trained
+    layout = "procedural_easy" if variation == "size/1.2" else "four_properties"
+    written = swept(folder, tmp_path / "control", f"control_layout={layout}", f"variation={variation}", f"agent={kind}")
+    flying: Agent | Oracle = agent
+    if kind == "oracle":
+        written = written[written["member"] == 0]
+        world = affmap.Layout.load("layout", "four_properties")
+        flying = Oracle([world], agent.vehicle, agent.planner, agent.settings)
+    table = affmap.evaluate(flying, layout, runs=3, steps=3, variation=variation)
+    pd.testing.assert_frame_equal(table[SAME], written.astype(table[SAME].dtypes), atol=1e-5)
+
+
+def test_a_flight_varies_as_an_evaluation_does() -> None:
+    """Obstacles moved to other places for each run, with another seed than reports; starts are checked in each."""
+    agent = affmap.load("exp1", context_size=0, members=(0, 3))
+    task = {"runs": 2, "steps": 3, "seed": 5, "variation": "place/0.2"}
+    runs = affmap.fly(agent, "original", **task)
+    pd.testing.assert_frame_equal(affmap.evaluate(agent, "original", **task)[runs.table.columns], runs.table)
+    assert len({*runs.layouts}) == 4
+    points = np.stack(np.meshgrid(np.linspace(0.3, 2.7, 25), np.linspace(0.3, 1.7, 15)), axis=-1).reshape(-1, 2)
+    free = np.array([layout.is_free(points, agent.vehicle.radius) for layout in runs.layouts])
+    (only_last, *_) = points[free[:3].all(0) & ~free[3]]
+    with pytest.raises(ConfigError, match=r"^starts: .* is not allowed; give a point of the arena .* of 'original'"):
+        affmap.fly(agent, "original", **task, starts=only_last)
+    assert affmap.fly(agent, "original", **task, starts=points[free.all(0)][0]).table["start_x"].nunique() == 1
 
 
 @pytest.mark.parametrize(

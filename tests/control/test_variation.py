@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from affmap.control.settings import ControlSettings
-from affmap.control.variation import FACTORS, GAP, HOME, Task, Variation
+from affmap.control.variation import FACTORS, GAP, HOME, Task, Variation, load
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.physics import Physics
@@ -233,6 +233,29 @@ def test_other_texts_are_named_with_the_factors_there_are(text: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("given", "loaded"),
+    [(None, None), (HOME, None), ("mass/0.2", "mass/0.2"), ({"factor": "size", "value": 2}, "size/2")],
+)
+def test_a_call_takes_a_variation_in_any_form(given: Any, loaded: str | None) -> None:
+    assert (variation := load(given)) is loaded is None or str(variation) == loaded
+    assert load(variation) is variation
+
+
+@pytest.mark.parametrize(
+    ("given", "problem"),
+    [
+        ("moss/2", r"^variation = 'moss/2' is not allowed: it should be home, or a factor and its value, such as mass"),
+        (5, r"^variation = 5 is not allowed; give a factor and its value, such as 'mass/0\.2'\.$"),
+        ({"factor": "moss", "value": 2}, "should be one of number, radius, place"),
+        ({"factor": "mass"}, "value is missing"),
+    ],
+)
+def test_a_variation_that_there_is_not_is_told(given: Any, problem: str) -> None:
+    with pytest.raises(ConfigError, match=problem):
+        load(given)
+
+
+@pytest.mark.parametrize(
     ("factor", "value", "problem"),
     [
         ("number", 2.5, "2.5 is no number of obstacles"),
@@ -246,6 +269,7 @@ def test_other_texts_are_named_with_the_factors_there_are(text: str) -> None:
         ("look", -1.0, "painted = -1.0 is not allowed"),
         ("size", 0.0, "size"),
         ("goal", 0.0, "goal_distance = 0.0 is not allowed"),
+        ("goal", 0.1, "it puts goals 0.1 u away, and control.goal_radius = 0.1 would count runs as successes"),
         ("step", -1.0, "num_steps = 0 is not allowed"),
         ("noise", -1.0, "sensor_std = -1.0 is not allowed"),
     ],

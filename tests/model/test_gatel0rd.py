@@ -125,7 +125,7 @@ def test_a_training_that_resumes_has_the_noise_that_it_would_have_had() -> None:
     assert torch.equal(second.mean, again.mean)
 
 
-def test_the_penalty_is_the_share_of_open_gates() -> None:
+def test_the_auxiliary_loss_is_the_share_of_open_gates() -> None:
     """By hand, and its gradient is that of the mean of the gates: the straight-through estimator."""
     cell, parts = model(hidden_size=4, noise=0.0), inputs(3, 1, 2)
     cell.unroll(cell.initial(1), *parts)
@@ -135,7 +135,7 @@ def test_the_penalty_is_the_share_of_open_gates() -> None:
             code, delta, action = (part[member, 0, t] for part in parts)
             h, gate, *_ = by_hand(cell, member, torch.cat([4.0 * delta, action, code]), h, 4.0)
             is_open.append(gate > 0)
-        torch.testing.assert_close(cell.penalty()[member], 0.01 * torch.cat(is_open).float().mean())
+        torch.testing.assert_close(cell.auxiliary_loss()[member], 0.01 * torch.cat(is_open).float().mean())
     gates = torch.tensor([[[0.0, 0.5]], [[0.1, 0.0]]], requires_grad=True)  # T = 2, M = 1
     share = share_open(gates)
     assert share.item() == 0.5
@@ -154,17 +154,17 @@ def test_a_member_of_a_stack_is_the_member_alone() -> None:
     _, whole = together.transition.unroll(together.transition.initial(2), *parts)
     _, single = alone.transition.unroll(alone.transition.initial(2), *(part[1:] for part in parts))
     torch.testing.assert_close(whole.mean[1:], single.mean)
-    torch.testing.assert_close(together.transition.penalty()[1:], alone.transition.penalty())
+    torch.testing.assert_close(together.transition.auxiliary_loss()[1:], alone.transition.auxiliary_loss())
     assert torch.equal(
         together.select([1]).transition.state_dict()["noise_seed"], alone.state_dict()["transition.noise_seed"]
     )
 
 
 def test_members_do_not_mix() -> None:
-    """Gradient of one member's prediction and penalty: nothing reaches another's weights."""
+    """Gradient of one member's prediction and auxiliary loss: nothing reaches another's weights."""
     cell = model()
     _, (mean, log_std) = cell.unroll(started(cell, 2), *inputs(3, 2, 4))
-    (mean[1].sum() + log_std[1].sum() + cell.penalty()[1]).backward()
+    (mean[1].sum() + log_std[1].sum() + cell.auxiliary_loss()[1]).backward()
     for parameter in cell.parameters():
         assert parameter.grad is not None
         assert parameter.grad[1].abs().max() > 0

@@ -1,9 +1,12 @@
 """Pictures of agents that learn online, and of curves with outliers."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from affmap.report.drawing.files import new_figure, save
 from affmap.report.drawing.losses import learning_curves
 from affmap.report.drawing.numbers import shrink_names
 from affmap.report.figures.learning import _visits
@@ -52,3 +55,15 @@ def test_long_names_are_written_smaller() -> None:
         shrink_names(ax, names)
         sizes.append(ax.get_xticklabels()[0].get_size())
     assert sizes[0] > sizes[1] == 6
+
+
+def test_names_that_would_overlap_are_turned(tmp_path: Path) -> None:
+    """The same three names in a panel of a fifth of the page, and in one of its whole width; and numbers."""
+    figure = new_figure(2.0)
+    panels = figure.add_gridspec(2, 5)
+    narrow, numbers, wide = (figure.add_subplot(panels[cell]) for cell in ((0, 0), (0, 4), (1, slice(None))))
+    for ax in (narrow, wide):
+        ax.set_xticks(range(3), ["MLP", "GRU", "GateL0RD"])
+    numbers.set_xlim(0, 1e-30)
+    save(figure, tmp_path / "names", None)
+    assert [ax.get_xticklabels()[0].get_rotation() for ax in (narrow, numbers, wide)] == [90, 0, 0]

@@ -2,15 +2,17 @@
 
 import textwrap
 from contextlib import AbstractContextManager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib.style
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogFormatter, ScalarFormatter
 
 from affmap.store.files import named_errors
 
@@ -94,6 +96,10 @@ def _lay_out(figure: Figure) -> None:
     resolution = figure.dpi
     figure.set_dpi(DPI)  # texts are measured in pixels
     figure.draw_without_rendering()
+    if crowded := [ax for ax in figure.axes if _has_overlap(ax)]:
+        for ax in crowded:
+            ax.tick_params(axis="x", rotation=90)
+        figure.draw_without_rendering()
     figure.set_dpi(resolution)
     if engine := figure.get_layout_engine():
         for legend in figure.legends:  # their margin is within the layout, below a notice, but they are not
@@ -103,6 +109,15 @@ def _lay_out(figure: Figure) -> None:
         part.bbox_relative.set_points(part.bbox_relative.get_points().round(9))
     for ax in figure.axes:
         ax.set_position(np.round(ax.get_position(original=True).bounds, 9).tolist())
+
+
+def _has_overlap(ax: Axes) -> bool:
+    """Whether level names on the x axis lie over each other where they were drawn."""
+    if isinstance(ax.xaxis.get_major_formatter(), ScalarFormatter | LogFormatter):
+        return False  # numbers, whose ticks Matplotlib chooses
+    labels = [label for label in ax.get_xticklabels() if label.get_visible() and label.get_text()]
+    boxes = [label.get_window_extent() for label in labels if label.get_rotation() == 0]
+    return any(one.overlaps(other) for one, other in pairwise(boxes))
 
 
 def save_svg(figure: Figure, path: Path) -> None:

@@ -10,6 +10,7 @@ from affmap.report.drawing.files import Drawn, new_figure
 from affmap.report.painted import Painted, first_settings, map_size, maps_of_size, of_part, paint, read_painted
 from affmap.results.examples import MAX_ROWS, first_and_last
 from affmap.results.files import Floats
+from affmap.results.numbers import listed
 from affmap.results.setting import CONTEXT_SIZE, LAYOUT, PLANNER, ReportSettings
 from affmap.results.tables import Results
 
@@ -83,11 +84,8 @@ def _caption(results: Results, parts: Sequence[Painted], size: int, left_out: Se
     if trainings < len(parts):
         basis = "Maps of one member in several worlds share their colours; other maps are not comparable"
     each = f", and of one member at each {results.x.label}" if results.x == CONTEXT_SIZE or len(parts) > 1 else ""
-    fewer = (
-        f" Members are not shown side by side of: {', '.join(left_out)}; no page has room for so many."
-        if left_out
-        else ""
-    )
+    names = listed([f"“{name}”" for name in left_out])
+    fewer = f" There is no room for several members of {names}." if left_out else ""
     return (
         f"Affordance maps of several members at context size {size}{each}. {basis}, "
         f"because codes of different members and context sizes are unrelated.{fewer} {COLORS}"
