@@ -96,7 +96,7 @@ class Online:
     def level(self, kind: Value, unit: str, scores: Floats, test: Callable[[Floats], Outcome]) -> list[Criterion]:
         """Test the level of the scores `[A]` of a kind."""
         outcome = claims.with_note(test(scores), [self.note if len(scores) else f"needs agents of {kind}"])
-        return [Criterion("", "share", unit, outcome)]
+        return [Criterion("", str(kind), unit, outcome)]
 
     @property
     def note(self) -> str:

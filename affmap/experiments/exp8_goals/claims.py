@@ -60,7 +60,8 @@ def _falls(results: Results, score: Score, unit: str, statistic: Statistic = "me
 
 def _below(results: Results, score: Score, unit: str, level: float) -> list[Criterion]:
     online = Online(results, WEIGHT)
-    return online.level(ALONE, unit, score(online, ALONE), partial(statistics.below, level=level))
+    found = online.level(ALONE, unit, score(online, ALONE), partial(statistics.below, level=level))
+    return [each._replace(effect_of="goals alone") for each in found]
 
 
 def _keeps(results: Results) -> list[Criterion]:
