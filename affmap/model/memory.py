@@ -109,5 +109,5 @@ class PlaceNetwork:
         x, y = node_axes(self.size, spacing)
         along_x, along_y = self._along(x, self._x), self._along(y, self._y)
         weights = memory.weights.unflatten(1, (len(self._y), len(self._x)))
-        rows = (along_y @ weights.flatten(2)).unflatten(-1, weights.shape[2:])  # [B, Y, units along x, C]
-        return along_x @ rows
+        columns = weights.mT @ along_x.mT  # [B, units along y, C, X], an axis at a time
+        return (along_y @ columns.mT.flatten(2)).unflatten(-1, (len(x), -1))
