@@ -43,6 +43,7 @@ CLAIMS = {
     "exp8_goals": ("VIII", range(46, 52), 5),
     "exp8_worlds": ("VIII", range(35, 46), 4 * 2),
     "exp9": ("IX", range(1, 9), 3 * 2),
+    "exp9_map": ("IX", range(9, 15), 5 * 4),
     "exp10": ("X", range(5, 10), len(RIVALS.split(",")) * 3),
     "exp10_factors": ("X", range(1, 5), 48),
 }
@@ -118,7 +119,7 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 def test_nothing_is_computed_twice(place: Path) -> None:
     """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
     with V's data and five, two of them with these data, VII one, its doors one, VIII ten with I's and IV's data
-    and three with V's, IX three in each of two worlds, and X one with I's data, which its rivals share."""
+    and three with V's, IX three in each of two worlds, its maps and X one with I's data, which rivals share."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")

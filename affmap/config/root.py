@@ -24,7 +24,7 @@ from affmap.env.rules import Rules
 from affmap.env.walls import Walls
 from affmap.learning.settings import OFFLINE, AnyLearning, AnyPlanningLearning, OfflineLearning
 from affmap.model.registry import EffectsSettings, unit_ends
-from affmap.model.settings import LookupSettings, ModelSettings
+from affmap.model.settings import NO_MEMORY, AnyMemory, LookupSettings, MemorySettings, ModelSettings
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
@@ -122,6 +122,8 @@ class Config(Settings):
     training: TrainingSettings
     learning: Annotated[AnyLearning, Neutral(OFFLINE)]
     lookup: LookupSettings
+    memory: Annotated[AnyMemory, Neutral(NO_MEMORY)]
+    """A memorised map, in which codes are looked up instead of in views."""
     planner: AnyPlanner
     agent: Annotated[AnyAgent, Neutral(PLANNER)]
     rival: Annotated[AnyRival, Neutral(NONE)]
@@ -301,6 +303,32 @@ class Config(Settings):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_memory(self) -> Self:
+        if not isinstance(self.memory, MemorySettings):
+            return self
+        for key, wrong, remedy in (
+            ("agent", self.agent != PLANNER, "agent=planner"),
+            ("rival", isinstance(self.rival, Rival), "rival=none"),
+            ("lookup.spacing", self.lookup.spacing == 0, "lookup=map"),
+            ("model.context_size", self.model.context_size == 0, "model.context_size=8"),
+            ("control.guide", self.control.guide != "none", "control.guide=none"),
+            ("control.device", self.control.device != "cpu", "control.device=cpu"),
+            ("variation", self.variation is not None, "variation=home"),
+            ("control_layout", isinstance(self.control_layout, Rules), "control_layout=original"),
+            ("control_layout", self._has_doors, "control_layout=original"),
+        ):
+            if wrong:
+                raise ValueError(
+                    f"memory = 'network' is for agents that plan with codes in a world that stays as it is, so that "
+                    f"{key} cannot be as it is; say {remedy} or memory=none."
+                )
+        return self
+
+    @property
+    def _has_doors(self) -> bool:
+        return isinstance(self.control_layout, Layout) and "door" in self.control_layout.effects
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the K channels of a view."""
@@ -327,7 +355,8 @@ class Config(Settings):
 def label(config: Config) -> str:
     """A short description of a job, for logs."""
     varied = f", {config.variation}" if config.variation else ""
-    return f"{config.control_layout.name}{varied}, {config.model.name}, {config.controller}, {config.lookup.name}"
+    codes = config.memory.name if isinstance(config.memory, MemorySettings) else config.lookup.name
+    return f"{config.control_layout.name}{varied}, {config.model.name}, {config.controller}, {codes}"
 
 
 def plain(config: Any) -> dict[str, Any]:

@@ -95,12 +95,14 @@ class Agent(PlanningAgent):
         Raises:
             ConfigError: the worlds are no list of visible layouts, such as `[layout.map]`.
         """
-        lookup = self.lookup.elsewhere(self.stack, worlds)
-        return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle, self.losses)
+        return self.looking_up(self.lookup.elsewhere(self.stack, worlds))
 
     def merged(self, is_open: Sequence[bool]) -> Agent:
         """Copy in which some worlds are without doors, see `PlanningAgent.merged`."""
-        lookup = self.lookup.merged(self._opened, is_open)
+        return self.looking_up(self.lookup.merged(self._opened, is_open))
+
+    def looking_up(self, lookup: Lookup) -> Agent:
+        """Copy of the agent that has its codes from another look-up of the same stack."""
         return Agent(self.stack, lookup, self.planner, self.settings, self.channels, self.vehicle, self.losses)
 
     @cached_property
@@ -140,7 +142,7 @@ class Agent(PlanningAgent):
         """Imagine candidates, see `PlanningAgent.imagine`."""
         situation = self._situation(observation, carry)
         if self.settings.reports == "noisy":
-            sensed = self._codes(observation)
+            sensed = self.sensed(observation)
             return rollout(self.stack.transition, self.lookup, situation, actions, code=sensed)
         if self._compiled and not (torch.is_grad_enabled() and actions.requires_grad):
             return self._compiled.positions(situation, actions)
@@ -155,11 +157,11 @@ class Agent(PlanningAgent):
     def predict(self, observation: Observation, action: Tensor, carry: Carry) -> tuple[Carry, Gaussian]:
         """Predict the next step from the true view, as in training; see `PlanningAgent.predict`."""
         delta, action = (part.unflatten(0, (len(self.stack.seeds), -1)) for part in (observation.delta, action))
-        carry, prediction = self.stack.transition.step()(carry, self._codes(observation), delta, action)
+        carry, prediction = self.stack.transition.step()(carry, self.sensed(observation), delta, action)
         return carry, Gaussian(*(part.flatten(0, 1) for part in prediction))
 
-    def _codes(self, observation: Observation) -> Tensor:
-        """Context codes of the views that are sensed, `[M, B / M, C]`."""
+    def sensed(self, observation: Observation) -> Tensor:
+        """Context codes of the views at the vehicles, `[M, B / M, C]`."""
         view = observation.view.unflatten(0, (len(self.stack.seeds), -1))
         codes = self._direct.of_views(view)
         return self._cached(view) if codes is None else codes

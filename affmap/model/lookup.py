@@ -222,18 +222,24 @@ class AffordanceMap:
         return codes[:, :, 0].mT.reshape(*positions.shape[:-1], codes.shape[1])
 
 
+def node_axes(size: tuple[float, float], spacing: float) -> tuple[Tensor, Tensor]:
+    """Coordinates `[X]` and `[Y]` (u) of the nodes of a map over an arena, at most `spacing` (u) apart."""
+    # The smallest number of equal parts; the tolerance absorbs rounding of quotients that should be integers.
+    parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in size]
+    x, y = (
+        torch.linspace(0, length, num + 1, dtype=torch.float32, device="cpu")
+        for length, num in zip(size, parts, strict=True)
+    )
+    return x, y
+
+
 _NODES_AT_ONCE = 2**14  # more would take much memory where members are many
 
 
 @torch.no_grad()
 def _codes_at_nodes(stack: Stack, world: VisibleLayout, spacing: float) -> Tensor:
     """Codes of all members at the nodes of a grid over a world, `[M, Y, X, C]`."""
-    # The smallest number of equal parts; the tolerance absorbs rounding of quotients that should be integers.
-    parts = [max(1, math.ceil(length / spacing - 1e-6)) for length in world.size]
-    x, y = (
-        torch.linspace(0, length, num + 1, dtype=torch.float32, device="cpu")
-        for length, num in zip(world.size, parts, strict=True)
-    )
+    x, y = node_axes(world.size, spacing)
     nodes = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).to(next(stack.parameters()).device)  # [Y, X, 2]
     rows = nodes.split(max(1, _NODES_AT_ONCE // len(x)))
     return torch.cat([stack.encode(take_apart(view(world, some)[None])) for some in rows], dim=1)

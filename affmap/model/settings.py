@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from affmap.model.registry import MLP_SETTINGS, AnyTransition, CodeSettings
-from affmap.settings import Count, CountOrNone, Neutral, NonNegative, Positive, Settings, preset
+from affmap.settings import Count, CountOrNone, Length, Neutral, NonNegative, Positive, Settings, preset
 from affmap.view import EXTENT
 
 
@@ -61,3 +61,42 @@ class LookupSettings(Settings, defaults="lookup/map"):
     def name(self) -> str:
         """Short description that distinguishes it from others."""
         return f"map of {self.spacing:g} u" if self.spacing else "exact look-ups"
+
+
+class NoMemory(Settings, defaults="memory/none"):
+    """Codes are looked up in views of the world, as in the paper (`conf/memory/none.yaml`)."""
+
+    kind: Literal["none"] = preset()
+
+
+class MemorySettings(Settings, defaults="memory/explored"):
+    """Settings of a memorised map, which replaces the views in planning (`conf/memory`)."""
+
+    kind: Literal["network"] = preset()
+    explored: Literal["here", "training", "nothing"] = preset()
+    """World that it has explored as long as the data set before: that in which it flies, that of the data, or none."""
+    learns: bool = preset()
+    """Whether it learns in flight from each view that is sensed; otherwise it stays as it was explored."""
+    early_steps: CountOrNone = preset()
+    """Steps of another flight in the same world before each run, with another start and goal."""
+    unit_spacing: Annotated[Length, Field(ge=0.05)] = preset()
+    """Distance between neighbouring units of the network, u."""
+    unit_width: Length = preset()
+    """Standard deviation of a unit's bell-shaped activation, u."""
+    ridge: Positive = preset()
+    """Penalty on the weights in exploration, as a share of the mean square error."""
+    noise: Positive = preset()
+    """Variance of a code seen in flight, where weights have a variance of 1 when flights begin."""
+
+    @property
+    def name(self) -> str:
+        """Short description that distinguishes it from others."""
+        learning = f", learning, {self.early_steps} steps before" if self.learns else ""
+        return f"{self.explored} from memory{learning}"
+
+
+AnyMemory = Annotated[NoMemory | MemorySettings, Field(discriminator="kind")]
+"""Settings from a file of `conf/memory`, distinguished by `kind`."""
+
+NO_MEMORY = NoMemory(kind="none")
+"""Default, also of all configurations that predate the others."""

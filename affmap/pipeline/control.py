@@ -19,13 +19,15 @@ from affmap.env.body import Vehicle
 from affmap.env.geometry import crossable
 from affmap.env.layout import Layout
 from affmap.model.lookup import ExactLookup, Lookup, lookup_error, make_lookup
+from affmap.model.settings import MemorySettings
 from affmap.model.stack import Stack
 from affmap.pipeline.policy import load_policy
 from affmap.pipeline.progress import track
+from affmap.pipeline.recall import Survey, surveyed
 from affmap.pipeline.train import trained
 from affmap.random import generator
 from affmap.results import metrics
-from affmap.results.files import Trajectories, write_layouts, write_runs, write_trajectories
+from affmap.results.files import Trajectories, write_layouts, write_recall, write_runs, write_trajectories
 from affmap.results.setting import CONTEXT_SIZE, FACTORS, LAYOUT, PLANNER, SPACING, Factor, Value
 from affmap.settings.messages import counted
 from affmap.store.attempt import Attempt
@@ -42,6 +44,8 @@ def make_runs(config: Config, train: Path, policy: Path | None, attempt: Attempt
         stack = trained(config, train).to(config.control.device)
         lookup = make_lookup(config.lookup, stack, [layout.map for layout in layouts])
         controller = _controller(config, stack, lookup, layouts, vehicle)
+        if isinstance(config.memory, MemorySettings):
+            controller = surveyed(config, controller, layouts[0], config.memory)
     num_runs = len(config.pilots) * config.control.runs_per_member
     with track(
         f"control, {label(config)}: {counted(num_runs, 'run')}", settings.num_steps, "steps", attempt.progress
@@ -57,11 +61,15 @@ def make_runs(config: Config, train: Path, policy: Path | None, attempt: Attempt
     run_layouts = layouts * num_runs if len(layouts) == 1 else layouts
     starts, goals = runs.trajectories["position"][:, 0], runs.trajectories["goal"]
     ways = [crossable(*run) for run in zip(run_layouts, repeat(vehicle), starts, goals)]
+    if isinstance(controller, Survey):
+        lookup = controller.lookup
     errors = _lookup_error(config, stack, lookup, layouts, runs.trajectories["position"])
     table = metrics.table(Trajectories(**runs.trajectories), metrics.stored_metrics())
     write_runs(attempt.folder, setting, table, [ways, errors])
     write_trajectories(attempt.folder, runs.trajectories)
     write_layouts(attempt.folder, run_layouts)
+    if isinstance(controller, Survey):
+        write_recall(attempt.folder, controller.recall(config.pilots))
 
 
 def _controller(

@@ -53,7 +53,7 @@ BLOCKS = StageDefinition("blocks", ("models", "report", "map_layout"), needs=TRA
 """Only of models whose codes have blocks."""
 CONTROL = StageDefinition(
     "control",
-    ("models", "lookup", "planner", "agent", "control", "control_layout", "variation"),
+    ("models", "lookup", "memory", "planner", "agent", "control", "control_layout", "variation"),
     needs=TRAIN,
     version=2,
 )

@@ -26,7 +26,7 @@ from affmap.store.provenance import PROVENANCE
 COVERAGE, VALIDATION, EXPERIENCE = "coverage.npz", "validation.csv", "experience.npz"
 STEPS, DEVIATIONS = "steps.csv", "deviations.npz"
 MAPS, BLOCKS, SHARES = "maps.npz", "blocks.npz", "shares.csv"
-RUNS, TRAJECTORIES, LAYOUTS = "runs.csv", "trajectories.npz", "layouts.json"
+RUNS, TRAJECTORIES, LAYOUTS, RECALL = "runs.csv", "trajectories.npz", "layouts.json", "recall.npz"
 """Names of the files."""
 
 VALIDATION_COLUMNS = ["member", "epoch", "training_nll", "validation_nll"]
@@ -320,6 +320,42 @@ def read_trajectories(folders: Sequence[Path]) -> Trajectories:
     return Trajectories(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
+class Recall(NamedTuple):
+    """Memorised maps of B runs, which follow E steps of an earlier flight (E may be 0)."""
+
+    error: Floats
+    """`[B, 1 + E + T]`, error of the codes in memory, before the first step and at each, where codes have changed since
+    the world was explored (everywhere, if none have): distance from the true codes, as a share of theirs from 0."""
+    earlier: NDArray[np.integer]
+    """`[]`, E."""
+    true: Floats
+    """`[Y, X, C]`, codes of the first member at the nodes of a map."""
+    at_first: Floats
+    """`[Y, X, C]`, what it remembers before the first step."""
+    at_last: Floats
+    """`[Y, X, C]`, what it remembers at the end of that of its runs after which its error is smallest."""
+    best: NDArray[np.integer]
+    """`[]`, the number of this run, from 0."""
+    x: Floats
+    """`[X]` in u."""
+    y: Floats
+    """`[Y]` in u."""
+    member: NDArray[np.integer]
+    """`[B]`."""
+
+
+def write_recall(folder: Path, recall: Recall) -> None:
+    """Write what is known of memorised maps."""
+    _write_arrays(folder / RECALL, recall)
+
+
+def read_recall(folders: Sequence[Path]) -> Recall:
+    """Read what is known of the memorised maps of all members."""
+    parts = [_read_arrays(Recall, folder / RECALL) for folder in folders]
+    joined = {key: np.concatenate([getattr(part, key) for part in parts]) for key in ("error", "member")}
+    return parts[0]._replace(**joined)
+
+
 LAYOUT_COLUMNS = ["crossable", "lookup_error"]
 """Columns of a table of runs that follow from layouts: whether there is a way, and the error of the planner's codes."""
 
@@ -370,10 +406,10 @@ def read_origin(folder: Path) -> dict[str, Any]:
         return record
 
 
-Record = TypeVar("Record", Maps, Blocks, Deviations, Experience, Exploration, Trajectories)
+Record = TypeVar("Record", Maps, Blocks, Deviations, Experience, Exploration, Recall, Trajectories)
 
 
-def _write_arrays(path: Path, record: Maps | Blocks | Deviations | Experience | Exploration) -> None:
+def _write_arrays(path: Path, record: Maps | Blocks | Deviations | Experience | Exploration | Recall) -> None:
     there = {field: array for field, array in record._asdict().items() if array is not None}
     np.savez_compressed(path, allow_pickle=False, **there)
 

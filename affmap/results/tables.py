@@ -27,6 +27,7 @@ from affmap.results.files import (
     Experience,
     Exploration,
     Maps,
+    Recall,
     Trajectories,
 )
 from affmap.results.metrics import PLACES, extra_metrics, run_metrics, stored_metrics, summarise
@@ -193,6 +194,11 @@ class Results(Design):
         """Places of the agents of a setting that learn online; None where they learned offline."""
         kept = [(folder / files.EXPERIENCE).is_file() for folder in setting.train]
         return files.read_experience(setting.train) if all(kept) else None
+
+    def recall(self, setting: Setting) -> Recall | None:
+        """The memorised maps of a setting; None where codes are looked up in views."""
+        kept = [(folder / files.RECALL).is_file() for folder in setting.control]
+        return files.read_recall(setting.control) if all(kept) else None
 
     def map_layout(self, setting: Setting) -> Layout:
         """The layout of a setting's maps."""

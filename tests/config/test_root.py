@@ -188,6 +188,8 @@ BAD: list[tuple[str, Any, str]] = [
     ("rival.kind", "chess", "'none' or 'cloning' or 'distilled' or 'ppo'"),
     ("rival.steps", 1000, "not a known key"),
     ("rival_share", 0.0, "greater than 0"),
+    ("memory.kind", "elephant", "'none' or 'network'"),
+    ("memory.learns", True, "not a known key"),
     ("rival_share", 1.5, "less than or equal to 1"),
     ("acts", "edge", "'center' or 'rim'"),
     ("acts", True, "'center' or 'rim'"),
@@ -381,6 +383,36 @@ def test_bad_values_of_learning_online_are_named(kind: str) -> None:
             checked(values, members=1)
 
 
+@pytest.mark.parametrize("memory", ["explored", "outdated", "repaired", "empty"])
+def test_bad_values_of_memories_are_named(memory: str) -> None:
+    """Single keys, and all that a memory does not go together with."""
+    values = by_hand(memory=memory)
+    for key, value in values["memory"].items():
+        bad: Any = "-1" if isinstance(value, str) else -1
+        with pytest.raises(ConfigError, match=rf"memory.{key} = {bad!r} is not allowed"):
+            checked(values, **{f"memory__{key}": bad})
+    for changes, key, remedy in (
+        ({"agent": {"kind": "random"}}, "agent", "agent=planner"),
+        ({"lookup__spacing": 0.0}, "lookup.spacing", "lookup=map"),
+        ({"model__context_size": 0}, "model.context_size", "model.context_size=8"),
+        ({"control__guide": "time_to_go"}, "control.guide", "control.guide=none"),
+        ({"control__device": "cuda"}, "control.device", "control.device=cpu"),
+        ({"variation": "mass/0.2"}, "variation", "variation=home"),
+    ):
+        with pytest.raises(ConfigError, match=rf"stays as it is, so that {key} cannot .* say {remedy} or memory=none"):
+            checked(values, **changes)
+    for line in (
+        ["training_layouts=[training_doors]", "control_layout=doors"],
+        ["world=four_properties", "control_layout=procedural_easy"],
+    ):
+        with pytest.raises(
+            ConfigError, match=r"so that control_layout cannot be as it is; say control_layout=original"
+        ):
+            sweep.jobs([f"memory={memory}", "map_layout=${training_layouts.0}", *line])
+    with pytest.raises(ConfigError, match=r"so that rival cannot be as it is; say rival=none"):
+        sweep.jobs([f"memory={memory}", "rival=cloning"])
+
+
 @pytest.mark.parametrize("kind", ["cloning", "distilled", "ppo", "ppo_million"])
 def test_bad_values_of_rivals_are_named(kind: str) -> None:
     """Single keys, and keys that do not go together."""
@@ -438,7 +470,7 @@ def test_every_missing_key_is_named(values: Values) -> None:
                 Config.checked(lacking, "the test")
     for key in values:
         lacking = {other: value for other, value in values.items() if other != key}
-        if key in ("agent", "learning", "rival", "rival_share", "variation"):
+        if key in ("agent", "learning", "memory", "rival", "rival_share", "variation"):
             assert Config.checked(lacking, "the test") == checked(values)
             continue
         with pytest.raises(ConfigError, match=rf"{key} is missing; add the key"):
@@ -550,6 +582,7 @@ def test_every_layout_can_be_used(name: str) -> None:
 STAGES = ("data", "train", "map", "control")
 
 ONLINE = content(CONF / "learning/disagreement.yaml")
+MEMORY = content(CONF / "memory/explored.yaml")
 
 # A change of each kind, and the stages whose results it must change. Everything else must keep its digest, or
 # experiments would not find each other's results.
@@ -611,6 +644,8 @@ CHANGES: list[tuple[str, Any, str]] = [
     ("agent", {"kind": "true_mean", "std": 0.0005}, "control"),
     ("agent", {"kind": "true_deviation", "std": 0.0005}, "control"),
     ("agent", {"kind": "straight", "foresight": 8, "slow_distance": 0.3}, "control"),
+    ("memory", {"kind": "none"}, ""),
+    ("memory", MEMORY, "control"),
     ("rival", {"kind": "none"}, ""),  # others in tests/pipeline/test_policy.py
     ("rival_share", 0.5, ""),
     ("training.accelerator", "gpu", ""),

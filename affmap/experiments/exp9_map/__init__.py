@@ -1,0 +1,1 @@
+"""Experiment IX, a memorised map."""

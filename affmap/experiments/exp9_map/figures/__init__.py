@@ -1,0 +1,1 @@
+"""Figures of Experiment IX, a memorised map."""
