@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
+from typing import TypeVar
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -21,10 +23,17 @@ CHANGE = 10.0
 """Factor on changes of position (u/step), which are about a tenth of positions and ways (u)."""
 
 
+Numbers = TypeVar("Numbers", Tensor, np.ndarray)
+
+
+def parts(position: Numbers, delta: Numbers, goal: Numbers) -> list[Numbers]:
+    """Position (u), its change (0.1 u/step) and the way to the goal (u), as a policy has them."""
+    return [position, CHANGE * delta, goal - position]
+
+
 def state_of(observation: Observation) -> Tensor:
-    """Position (u), its change (0.1 u/step) and the way to the goal (u), `[..., 6]`."""
-    position, delta, _, goal = observation
-    return torch.cat([position, CHANGE * delta, goal - position], dim=-1)
+    """The parts of a policy's state, `[..., 6]`."""
+    return torch.cat(parts(observation.position, observation.delta, observation.goal), dim=-1)
 
 
 def pixels_of(observation: Observation) -> Tensor:

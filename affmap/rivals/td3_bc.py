@@ -82,12 +82,12 @@ class Offline:
         self._settings, self._seeds, self._data = settings, seeds, Hindsight(data)
         num_channels = data["view"].shape[2]
 
-        def drawn(*keys: str | int) -> list[torch.Generator]:
-            return [torch.Generator().manual_seed(integer(seed, *keys)) for seed in seeds]
+        def drawn(*keys: int, name: str) -> list[torch.Generator]:
+            return [torch.Generator().manual_seed(integer(seed, name, *keys)) for seed in seeds]
 
-        self.network = Network.of(settings, drawn("weights of a policy"), num_channels)
+        self.network = Network.of(settings, drawn(name="weights of a policy"), num_channels)
         self._critics = nn.ModuleList(
-            Critic(drawn("weights of a critic", number), num_channels, settings) for number in range(2)
+            Critic(drawn(number, name="weights of a critic"), num_channels, settings) for number in range(2)
         )
         self._learned = nn.ModuleList([self.network, self._critics])
         self._targets = deepcopy(self._learned).requires_grad_(False)
@@ -128,6 +128,7 @@ class Offline:
         """Learn from some steps: the critics, and the policy and the targets, too, if `has_policy`."""
         now, action, then = drawn[:2], drawn.action, drawn[4:6]
         policy, critics = self._targets
+        assert isinstance(critics, nn.ModuleList)
         with torch.no_grad():
             next_action = (policy(*then) + drawn.noise).clamp(-1, 1)
             values = torch.minimum(*(critic(*then, next_action) for critic in critics))
