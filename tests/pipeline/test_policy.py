@@ -16,7 +16,7 @@ from affmap.control.controller import Observation
 from affmap.data.collect import DATASET, read_dataset
 from affmap.env.vehicle import VehicleEnv
 from affmap.pipeline import execution
-from affmap.pipeline.machine import MachineError
+from affmap.pipeline.machine import MachineError, check_rival
 from affmap.pipeline.policy import WEIGHTS, load_policy
 from affmap.pipeline.stage import CONTROL, TRAIN, control_of, policy_of, stages_of
 from affmap.random import integer
@@ -104,13 +104,17 @@ def test_an_interrupted_training_goes_on_to_the_same_bytes(
 
 
 @pytest.mark.parametrize("rival", ["ppo_million", "sac"])
-def test_reinforcement_is_a_stage_that_few_members_have(tmp_path: Path, rival: str) -> None:
-    """One member of three; its policy, and the runs of this member alone."""
+def test_reinforcement_is_a_stage_that_few_members_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rival: str
+) -> None:
+    """One member of three; its policy, and the runs of this member alone. Once it is trained, its library may go."""
     pytest.importorskip("stable_baselines3")
     own = config(tmp_path, f"rival={rival}", "rival.members=1", "rival.num_steps=20")
     setting = execution.run(own)
     assert len(load_policy(own, setting.folders["policy"][0]).network.layers[0].weight) == 1
     assert set(pd.read_csv(setting.control[0] / "runs.csv")["member"]) == {0}
+    monkeypatch.setattr("affmap.pipeline.machine.find_spec", lambda name: None)
+    assert execution.run(own) == setting
 
 
 def test_a_library_that_is_missing_is_named_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,6 +123,16 @@ def test_a_library_that_is_missing_is_named_at_once(tmp_path: Path, monkeypatch:
     with pytest.raises(MachineError, match=r"rival = 'ppo' needs a package .* pip install .*, or leave it out"):
         execution.run(config(tmp_path, "rival=ppo"))
     assert not (tmp_path / "store").exists()
+
+
+def test_a_library_is_needed_only_to_train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stages that are planned, with and without the policy."""
+    monkeypatch.setattr("affmap.pipeline.machine.find_spec", lambda name: None)
+    own = config(tmp_path, "rival=sac")
+    planned = stages_of(own)
+    check_rival(own, [stage for stage in planned if stage.name != "policy"])
+    with pytest.raises(MachineError, match=r"rival = 'sac' needs a package"):
+        check_rival(own, planned)
 
 
 CHANGES = {
