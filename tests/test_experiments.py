@@ -27,7 +27,7 @@ COARSE = "lookup.spacing=0.25"
 SIZES, SIZE = "model.context_size=0,1", "model.context_size=8"  # a block for each channel
 PAPER = [name for name in ROOMS if is_of_paper(name)]
 HAS_RL = find_spec("stable_baselines3") is not None
-RIVALS = "none,distilled,cloning" + (",ppo,ppo_million" if HAS_RL else "")
+RIVALS = "none,distilled,cloning,td3_bc" + (",ppo,sac,ppo_million" if HAS_RL else "")
 CLAIMS = {
     "exp1": ("I", range(1, 9), 2 * 2),
     "exp2": ("II", range(1, 4), 3 * 2),
@@ -44,7 +44,7 @@ CLAIMS = {
     "exp8_worlds": ("VIII", range(35, 46), 4 * 2),
     "exp9": ("IX", range(1, 9), 3 * 2),
     "exp9_map": ("IX", range(9, 15), 5 * 4),
-    "exp10": ("X", range(5, 10), len(RIVALS.split(",")) * 3),
+    "exp10": ("X", range(5, 16), len(RIVALS.split(",")) * 3),
     "exp10_factors": ("X", range(1, 5), 48),
 }
 """Experiment -> its number, the numbers of its claims, and the number of its settings here."""

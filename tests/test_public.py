@@ -299,7 +299,9 @@ def test_readme_says_what_rivals_found() -> None:
     said = (
         f"the agent is {home['cem']} from its goals on average, PPO {home['ppo']} and behaviour cloning "
         f"{home['cloning']}",
-        f"With a million steps PPO has {home['ppo_million']} (the same five members of the agent {same}), but "
+        f"SAC, which reuses its steps, has {home['sac']}, and TD3+BC, which learns from the same random steps as the "
+        f"agent with rewards for goals in hindsight, {home['td3_bc']} (the same five members of the agent {same})",
+        f"With a million steps PPO has {home['ppo_million']}, but "
         f"{few['ppo_million']} with two obstacles, which are new to both (agent {few['cem']})",
         f"imitates the agent's plans has {home['distilled']}, and {few['distilled']} there",
     )

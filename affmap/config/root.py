@@ -28,7 +28,7 @@ from affmap.model.settings import NO_MEMORY, AnyMemory, LookupSettings, MemorySe
 from affmap.planning.registry import AnyPlanner
 from affmap.random import generator
 from affmap.results.setting import ReportSettings
-from affmap.rivals.settings import NONE, ROLLOUT, AnyRival, Reinforcement, Rival
+from affmap.rivals.settings import NONE, PPO, ROLLOUT, AnyRival, Rival
 from affmap.settings import Count, Folder, Line, Name, NamePath, Neutral, Positive, Seed, Settings, lies_in, names
 from affmap.settings.messages import format_value
 from affmap.training.settings import TrainingSettings
@@ -296,7 +296,7 @@ class Config(Settings):
                 f"rival = {self.rival.kind!r} flies instead of the agent, and agent = {self.agent.kind!r} would; say "
                 "agent=planner or rival=none."
             )
-        if isinstance(self.rival, Reinforcement) and ROLLOUT % self.rival.num_vehicles:
+        if isinstance(self.rival, PPO) and ROLLOUT % self.rival.num_vehicles:
             raise ValueError(
                 f"rival.num_vehicles = {self.rival.num_vehicles} does not share a rollout of {ROLLOUT} steps in equal "
                 "parts; make it a power of 2."

@@ -54,7 +54,8 @@ def load(
             Experiment III have different models.) A saved agent can be brought into any layout.
         transition: the transition model, such as `gru`, of those that the experiment has, or the name of how it learns
             (`conf/learner`, `conf/learning`), or its name in the report; by default the first. (In `exp6_radii` that is
-            `mlp_one_radius`, the paper's model trained with circles of one radius, in `exp8` `offline`.)
+            `mlp_one_radius`, the paper's model trained with circles of one radius, in `exp8` `offline`.) The rivals of
+            `exp10` are no agents, and have none; `affmap rival=...` trains and flies them.
         threads: of PyTorch, for the affordance map.
 
     Raises:
@@ -245,7 +246,11 @@ def _job(
         if transition in names:
             return jobs[names.index(transition)]
     listed = [kind + (f" ({name})" if name.lower() != kind else "") for kind, name in shown.items()]
-    raise ConfigError(f"{source} has the transition models {', '.join(listed)}; none is {transition!r}.")
+    rivals = list(dict.fromkeys(job["planner"] for job in jobs if "policy" in job))
+    policies = f" Its rivals, {', '.join(rivals)}, are policies without one: affmap rival=... trains and flies them."
+    raise ConfigError(
+        f"{source} has the transition models {', '.join(listed)}; none is {transition!r}.{policies if rivals else ''}"
+    )
 
 
 def _transition(record: Mapping[str, Any], job: Mapping[str, Any]) -> str:

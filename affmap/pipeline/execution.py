@@ -51,7 +51,7 @@ def run(config: Config) -> Setting:
     check_models(config)
     check_trials(config)
     check_logger(config)
-    check_rival(config)
+    check_rival(config, incomplete(config, stages_of(config)))
     _set_up(config)
     data, train = models(config, (TRAIN, CONTROL))
     make: dict[StageDefinition, Callable[[Attempt], None]] = {

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from importlib.util import find_spec
 
 from affmap.config.root import Config
-from affmap.pipeline.stage import CONTROL, TRAIN, StageDefinition
+from affmap.pipeline.stage import CONTROL, TRAIN, StageDefinition, policy_of
 from affmap.rivals.settings import Reinforcement
 from affmap.settings import missing
 from hydra_plugins.hyperopt_sweeper import FinalError
@@ -27,13 +27,13 @@ def check_logger(config: Config) -> None:
         raise MachineError(f"{missing(f'logger = {config.logger!r}', config.logger)}, or say logger=csv.")
 
 
-def check_rival(config: Config) -> None:
-    """Make sure that the library of a rival's training is installed.
+def check_rival(config: Config, planned: Collection[StageDefinition]) -> None:
+    """Make sure that the library of a rival's training is installed, if that is one of the planned stages.
 
     Raises:
         MachineError: it is not.
     """
-    if isinstance(config.rival, Reinforcement) and not find_spec("stable_baselines3"):
+    if isinstance(config.rival, Reinforcement) and policy_of(config) in planned and not find_spec("stable_baselines3"):
         raise MachineError(f"{missing(f'rival = {config.rival.kind!r}', 'rl')}, or leave it out of the sweep.")
 
 

@@ -19,7 +19,8 @@ from affmap.rivals.cloning import Cloner
 from affmap.rivals.distilled import Distiller
 from affmap.rivals.learned import Reinforced
 from affmap.rivals.policy import Network, Policy
-from affmap.rivals.settings import Cloning, Distillation, Imitation, Reinforcement, Rival
+from affmap.rivals.settings import TD3BC, Cloning, Distillation, Reinforcement, Rival
+from affmap.rivals.td3_bc import Offline
 from affmap.settings.messages import counted
 from affmap.store.attempt import Attempt
 from affmap.store.files import guarded_read
@@ -55,7 +56,7 @@ def make_policies(config: Config, data: Path, train: Path, attempt: Attempt) -> 
         with guarded_read(checkpoint):  # untrusted checkpoint: `weights_only` refuses pickled code
             learner.load(torch.load(checkpoint, weights_only=True))
     description = f"{config.controller} of {counted(len(config.pilots), 'member')}"
-    unit = "rounds" if isinstance(rival, Imitation) else "members"
+    unit = "members" if isinstance(rival, Reinforcement) else "rounds"
     with track(description, learner.total, unit, attempt.progress) as update:
         update(learner.num_rounds)
         while learner.num_rounds < learner.total:
@@ -71,12 +72,9 @@ def load_policy(config: Config, folder: Path) -> Policy:
     Raises:
         ConfigError: the file is corrupted, or holds the weights of others.
     """
-    rival = config.rival
-    assert isinstance(rival, Rival)
-    imitates = isinstance(rival, Imitation)
+    assert isinstance(config.rival, Rival)
     generators = [torch.Generator() for _ in config.pilots]
-    view_units = rival.view_units if isinstance(rival, Imitation) else 0
-    network = Network(generators, len(config.channels), rival.hidden_sizes, view_units, squash=imitates)
+    network = Network.of(config.rival, generators, len(config.channels))
     with guarded_read(folder / WEIGHTS):
         network.load_state_dict(load_file(folder / WEIGHTS))
     return Policy(network)
@@ -87,6 +85,8 @@ def _learner(config: Config, data: Path, train: Path) -> Learner:
     rival, seeds = config.rival.scaled(config.rival_share), config.pilots
     if isinstance(rival, Cloning):
         return Cloner(rival, seeds, _for_training(config, read_dataset(data / DATASET)))
+    if isinstance(rival, TD3BC):
+        return Offline(rival, seeds, _for_training(config, read_dataset(data / DATASET)))
     if isinstance(rival, Distillation):
         stack = trained(config, train).select(range(len(seeds)))
         layouts = [config.training_layouts[flight % len(config.training_layouts)] for flight in range(rival.flights)]

@@ -336,8 +336,9 @@ def _median_rows(results: Results, settings: ReportSettings, others: Sequence[Fa
         by_x = group[results.x.column].notna() & (group[results.x.column] != "")
         if by_x.all():
             cells = [*group.set_index(results.x.column)["cell"].reindex(results.x_values, fill_value=NOTHING)]
-        else:  # of trainings that all of the x axis shares
-            cells = [first["cell"]] * len(results.x_values)
+        else:  # of trainings that all of the x axis shares, but for policies, which have their own
+            shared = {each.values[results.x.key] for each in results.settings if "policy" not in each.folders}
+            cells = [first["cell"] if value in shared else NOTHING for value in results.x_values]
         values = [name_of(f, first[f.column], settings) if first[f.column] != "" else NOTHING for f in others]
         axis = []
         if settings.axes:

@@ -13,7 +13,7 @@ from affmap.data.collect import free_position
 from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.env.vehicle import VehicleEnv
-from affmap.rivals.policy import CHANGE, STATE
+from affmap.rivals.policy import STATE, parts
 from affmap.view import PIXELS
 
 
@@ -63,7 +63,5 @@ class Flights(gymnasium.Env[np.ndarray, np.ndarray]):
 
 def _features(observation: Mapping[str, np.ndarray]) -> np.ndarray:
     """What a policy's network is given, its state and its pixels, `[6 + K x 121]`."""
-    position, delta, goal = (observation[key] for key in ("position", "delta", "goal"))
-    return np.concatenate(
-        [position, CHANGE * delta, goal - position, observation["view"].ravel()], dtype=np.float32, casting="unsafe"
-    )
+    state = parts(observation["position"], observation["delta"], observation["goal"])
+    return np.concatenate([*state, observation["view"].ravel()], dtype=np.float32, casting="unsafe")

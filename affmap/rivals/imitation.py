@@ -40,7 +40,7 @@ class Imitator(ABC):
         """Draw the weights of the members with these seeds."""
         self._settings, self._seeds = settings, seeds
         generators = [torch.Generator().manual_seed(integer(seed, "weights of a policy")) for seed in seeds]
-        self.network = Network(generators, num_channels, settings.hidden_sizes, settings.view_units)
+        self.network = Network.of(settings, generators, num_channels)
         self._optimizer = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
         self.num_rounds = 0
 

@@ -13,11 +13,11 @@ from affmap.model.layers import StackedLinear
 from affmap.random import integer
 from affmap.rivals.flights import Flights
 from affmap.rivals.policy import Network
-from affmap.rivals.settings import ROLLOUT, Reinforcement
+from affmap.rivals.settings import PPO, ROLLOUT, Reinforcement
 
 
 class Reinforced:
-    """M policies that learn from flights of their own, by PPO; a round is the whole training of a member.
+    """M policies that learn from flights of their own, by PPO or SAC; a round is the whole training of a member.
 
     A training that is interrupted begins anew with the member that it was at: Box2D's worlds cannot be stored.
 
@@ -32,7 +32,7 @@ class Reinforced:
         """Take the layouts of the flights."""
         self._settings, self._seeds, self._layouts, self._vehicle = settings, seeds, layouts, vehicle
         generators = [torch.Generator().manual_seed(0) for _ in seeds]
-        self.network = Network(generators, len(layouts[0].channels), settings.hidden_sizes, squash=False)
+        self.network = Network.of(settings, generators, len(layouts[0].channels))
         self.network.requires_grad_(False)
         for each in self.network.parameters():
             each.zero_()
@@ -63,19 +63,21 @@ class Reinforced:
 
 def train(settings: Reinforcement, seed: int, layouts: Sequence[Layout], vehicle: Vehicle) -> list[torch.nn.Linear]:
     """Train a policy; returns its layers. Its action is the mean, as in evaluations of Stable-Baselines3."""
-    from stable_baselines3 import PPO
+    import stable_baselines3 as library
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     vehicles = DummyVecEnv([lambda: Flights(layouts, vehicle, settings.num_steps)] * settings.num_vehicles)
-    learner = PPO(
-        "MlpPolicy",
-        vehicles,
-        n_steps=ROLLOUT // settings.num_vehicles,
-        batch_size=settings.batch_size,
-        policy_kwargs={"net_arch": list(settings.hidden_sizes)},
-        seed=integer(seed, "reinforcement learning"),
-        device="cpu",
-    )
+    options: dict[str, Any] = {
+        "batch_size": settings.batch_size,
+        "policy_kwargs": {"net_arch": list(settings.hidden_sizes)},
+        "seed": integer(seed, "reinforcement learning"),
+        "device": "cpu",
+    }
+    if isinstance(settings, PPO):
+        learner = library.PPO("MlpPolicy", vehicles, n_steps=ROLLOUT // settings.num_vehicles, **options)
+        parts = learner.policy.mlp_extractor.policy_net, learner.policy.action_net
+    else:  # an update for each step of each vehicle; of a buffer of a million, as by default, most would stay empty
+        learner = library.SAC("MlpPolicy", vehicles, gradient_steps=-1, buffer_size=settings.steps, **options)
+        parts = learner.actor.latent_pi, learner.actor.mu
     learner.learn(settings.steps)
-    parts = learner.policy.mlp_extractor.policy_net, learner.policy.action_net
     return [layer for part in parts for layer in part.modules() if isinstance(layer, torch.nn.Linear)]

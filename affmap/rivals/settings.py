@@ -12,6 +12,9 @@ from affmap.settings import Count, Name, Positive, Settings, preset
 Source = Literal["data", "plans", "worlds"]
 """Where a policy comes from: from the data set, from the plans of trained agents, or from flights of its own."""
 
+Activation = Literal["tanh", "relu"]
+"""Of hidden layers."""
+
 ROLLOUT = 2048
 """Steps between two updates of PPO, the default of Stable-Baselines3."""
 
@@ -36,6 +39,10 @@ class Rival(Settings):
     """What it learns from."""
     efforts: ClassVar[tuple[str, ...]]
     """Keys of the effort of a training."""
+    activation: ClassVar[Activation] = "tanh"
+    """Between the layers of its network."""
+    squash: ClassVar[bool] = True
+    """Whether outputs, too, pass through a tanh; else they are clipped where they are executed."""
 
     def scaled(self, share: float) -> Self:
         """The same with a share of the effort, for toy runs."""
@@ -90,24 +97,70 @@ class Distillation(Imitation, defaults="rival/distilled"):
     """Steps of a flight."""
 
 
-class Reinforcement(Rival, defaults="rival/ppo"):
-    """PPO by Stable-Baselines3, whose defaults it has otherwise (`conf/rival/ppo.yaml`)."""
+class TD3BC(Rival, defaults="rival/td3_bc"):
+    """Offline reinforcement learning from the data set, by TD3 with behaviour cloning (`conf/rival/td3_bc.yaml`).
+
+    Goals are chosen in hindsight; the reward of a step is minus the distance to the goal that remains.
+    """
+
+    source: ClassVar[Source] = "data"
+    efforts: ClassVar[tuple[str, ...]] = ("updates",)
+    activation: ClassVar[Activation] = "relu"
+
+    kind: Literal["td3_bc"] = preset()
+    rounds: Count = preset()
+    """Rounds of training; an interrupted training goes on after the last one."""
+    updates: Count = preset()
+    """Updates of the critics in a round; every second one is also one of the policy."""
+    batch_size: Count = preset()
+    """Steps in an update."""
+    learning_rate: Positive = preset()
+    """Of Adam."""
+    weight: Positive = preset()
+    """Of values beside squared differences from the actions of the data; values are divided by their mean size."""
+    max_delay: Count = preset()
+    """Largest number of steps until the position that is taken for the goal; drawn uniformly from 1 up."""
+
+
+class Reinforcement(Rival):
+    """Keys of policies that learn from flights of their own, by Stable-Baselines3, whose defaults they have else."""
 
     source: ClassVar[Source] = "worlds"
     efforts: ClassVar[tuple[str, ...]] = ("steps",)
 
-    kind: Literal["ppo"] = preset()
     steps: Count = preset()
-    """Steps in the world, of all vehicles together; rounded up to whole rollouts of 2048."""
+    """Steps in the world, of all vehicles together."""
     num_vehicles: Annotated[Count, Field(le=2048)] = preset()
-    """Vehicles that fly side by side; each has 2048 / num_vehicles steps in a rollout."""
+    """Vehicles that fly side by side."""
     batch_size: Annotated[Count, Field(le=2048)] = preset()
     """Steps in an update."""
     num_steps: Count = preset()
     """Steps of a flight."""
 
 
-AnyRival = Annotated[NoRival | Cloning | Distillation | Reinforcement, Field(discriminator="kind")]
+class PPO(Reinforcement, defaults="rival/ppo"):
+    """Proximal policy optimization (`conf/rival/ppo.yaml`).
+
+    Steps are rounded up to whole rollouts of 2048, in which each vehicle has 2048 / num_vehicles.
+    """
+
+    squash: ClassVar[bool] = False
+
+    kind: Literal["ppo"] = preset()
+
+
+class SAC(Reinforcement, defaults="rival/sac"):
+    """Soft actor-critic, with an update for each step (`conf/rival/sac.yaml`).
+
+    Steps are rounded up to whole ones of all vehicles.
+    """
+
+    activation: ClassVar[Activation] = "relu"
+
+    kind: Literal["sac"] = preset()
+
+
+AnyRival = Annotated[NoRival | Cloning | Distillation | TD3BC | PPO | SAC, Field(discriminator="kind")]
 """Settings from a file of `conf/rival`, distinguished by `kind`."""
 
 NONE = NoRival(kind="none")

@@ -185,7 +185,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("variation", "number/2.5", "is no number of obstacles"),
     ("variation", "contact/30", "would stop the vehicle for good"),
     ("variation", "goal/0.1", "puts goals 0.1 u away, and control.goal_radius = 0.1 would count runs"),
-    ("rival.kind", "chess", "'none' or 'cloning' or 'distilled' or 'ppo'"),
+    ("rival.kind", "chess", "'none' or 'cloning' or 'distilled' or 'td3_bc' or 'ppo' or 'sac'"),
     ("rival.steps", 1000, "not a known key"),
     ("rival_share", 0.0, "greater than 0"),
     ("memory.kind", "elephant", "'none' or 'network'"),
@@ -413,7 +413,7 @@ def test_bad_values_of_memories_are_named(memory: str) -> None:
         sweep.jobs([f"memory={memory}", "rival=cloning"])
 
 
-@pytest.mark.parametrize("kind", ["cloning", "distilled", "ppo", "ppo_million"])
+@pytest.mark.parametrize("kind", ["cloning", "distilled", "td3_bc", "ppo", "ppo_million", "sac"])
 def test_bad_values_of_rivals_are_named(kind: str) -> None:
     """Single keys, and keys that do not go together."""
     values = by_hand(rival=kind)

@@ -95,6 +95,10 @@ def test_transition_models_have_the_names_by_which_the_sweep_chose_them() -> Non
         ConfigError, match=r"models offline, random, deviation, disagreement, information; none is 'mlp'"
     ):
         affmap.load("exp8", transition="mlp")
+    with pytest.raises(
+        ConfigError, match=r"models mlp; none is 'ppo'\. Its rivals, distilled, .*ppo, .* affmap rival="
+    ):
+        affmap.load("exp10", transition="ppo")
     losses = {kind: affmap.load("exp8", transition=kind).losses for kind in ("offline", "disagreement")}
     assert losses["offline"] is not None and not losses["offline"].equals(losses["disagreement"])
     listed = r"models mlp_one_radius \(MLP \(one\)\), mlp, .*, split, given; none is 'split_channels'"

@@ -8,15 +8,15 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from affmap.experiments.exp10.claims import CLAIMS, CLONING, DISTILLED, LONG, PPO
+from affmap.experiments.exp10.claims import CLAIMS, CLONING, DISTILLED, LONG, OFFLINE, PPO, SAC
 from affmap.experiments.exp10.figures import rivals
 from affmap.experiments.exp10.pairs import AGENT, HOME, UNSEEN, paired, scores
 from affmap.results.setting import ReportSettings
 from affmap.results.statistics import Verdict
 
 LAYOUTS = (HOME, *UNSEEN)
-MEMBERS = {AGENT: 12, DISTILLED: 12, CLONING: 12, PPO: 10, LONG: 5, "oracle": 12}
-DISTANCES = {AGENT: 0.5, DISTILLED: 0.51, CLONING: 2.0, PPO: 1.6, LONG: 0.9, "oracle": 0.4}
+MEMBERS = {AGENT: 12, DISTILLED: 12, CLONING: 12, OFFLINE: 12, PPO: 10, SAC: 5, LONG: 5, "oracle": 12}
+DISTANCES = {AGENT: 0.5, DISTILLED: 0.51, CLONING: 2.0, OFFLINE: 0.8, PPO: 1.6, SAC: 0.7, LONG: 0.9, "oracle": 0.4}
 
 
 def results(*, without: tuple[str, ...] = (), **changes: float) -> Any:
@@ -46,9 +46,11 @@ def verdicts(found: Any) -> dict[str, list[Verdict]]:
 
 
 def test_claims_that_were_built_into_the_data_hold() -> None:
-    """One world, two, two rivals, one world, and two."""
-    found = verdicts(results())
-    assert {name: len(parts) for name, parts in found.items()} == {"X-5": 1, "X-6": 2, "X-7": 2, "X-8": 1, "X-9": 2}
+    """A part for each pair in each world; X-7 has two rivals."""
+    found, two = verdicts(results()), {"X-6", "X-7", "X-9", "X-12", "X-13"}
+    assert {name: len(parts) for name, parts in found.items()} == {
+        name: 2 if name in two else 1 for name in (f"X-{number}" for number in range(5, 16))
+    }
     assert {verdict for parts in found.values() for verdict in parts} == {Verdict.HOLDS}
 
 
@@ -56,8 +58,12 @@ def test_claims_that_were_built_into_the_data_hold() -> None:
     ("changes", "fails"),
     [
         ({DISTILLED: 0.54}, {"X-5", "X-6"}),
-        ({CLONING: 0.4}, {"X-7"}),
-        ({PPO: 0.4}, {"X-7"}),
+        ({CLONING: 0.4}, {"X-7", "X-14"}),
+        ({PPO: 0.4}, {"X-7", "X-15"}),
+        ({OFFLINE: 0.4}, {"X-11", "X-13"}),
+        ({OFFLINE: 2.2}, {"X-14"}),
+        ({SAC: 0.4}, {"X-10", "X-12"}),
+        ({SAC: 1.8}, {"X-15"}),
         ({LONG: 0.45}, {"X-8", "X-9"}),
         ({LONG: 0.48}, {"X-9"}),
     ],
@@ -94,17 +100,18 @@ def test_rivals_that_did_not_fly_leave_their_claims_untested() -> None:
 
 
 def test_the_table_shows_every_controller_with_its_difference_and_its_members() -> None:
-    """Rows: the agent, four rivals, the oracle; a difference with its interval for each but the agent."""
+    """Rows: the agent, its rivals, the oracle; a difference with its interval for each but the agent."""
     settings = ReportSettings.load("report", "default", names={AGENT: "agent", LONG: "PPO 1M"})
     drawn = rivals.draw(results(), settings)
     assert drawn is not None
     axes = drawn.figure.axes
     assert [each.get_text() for each in axes[0].get_yticklabels()] == [
-        "agent (12)", "distilled (12)", "cloning (12)", "ppo (10)", "PPO 1M (5)", "oracle (12)",
+        "agent (12)", "distilled (12)", "cloning (12)", "td3 bc (12)", "ppo (10)", "sac (5)", "PPO 1M (5)",
+        "oracle (12)",
     ]  # fmt: skip
     texts = [text.get_text() for text in axes[1].findobj(Text)]
     row = rivals.row(results(), LONG, UNSEEN[0])
-    assert row.distance in texts and row.difference in texts and texts.count("75%") == 6
+    assert row.distance in texts and row.difference in texts and texts.count("75%") == 8
     assert row.difference.startswith("+0.40 [+0.") and rivals.row(results(), AGENT, HOME).difference == ""
     assert rivals.row(results(without=(LONG,)), LONG, HOME) == rivals.Row("–", "–", "–")
     assert rivals.draw(results(without=(AGENT,)), settings) is None

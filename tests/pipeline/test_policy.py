@@ -16,7 +16,7 @@ from affmap.control.controller import Observation
 from affmap.data.collect import DATASET, read_dataset
 from affmap.env.vehicle import VehicleEnv
 from affmap.pipeline import execution
-from affmap.pipeline.machine import MachineError
+from affmap.pipeline.machine import MachineError, check_rival
 from affmap.pipeline.policy import WEIGHTS, load_policy
 from affmap.pipeline.stage import CONTROL, TRAIN, control_of, policy_of, stages_of
 from affmap.random import integer
@@ -24,6 +24,7 @@ from affmap.results.files import read_trajectories
 from affmap.rivals.cloning import Cloner
 from affmap.rivals.imitation import Imitator
 from affmap.rivals.settings import Cloning
+from affmap.rivals.td3_bc import Offline
 
 TINY = ["members=3", "scale=smoke", "model.context_size=2", "data.num_sequences=4", "data.num_validation=1"]
 TINY += ["data.num_steps=20", "control.num_steps=8", "control.runs_per_member=2", "training.num_epochs=1"]
@@ -52,7 +53,7 @@ def test_a_policy_is_of_the_sequences_that_models_learn_from(tmp_path: Path) -> 
     assert all(map(torch.equal, cloner.network.parameters(), found.network.parameters()))
 
 
-@pytest.mark.parametrize("rival", ["cloning", "distilled"])
+@pytest.mark.parametrize("rival", ["cloning", "td3_bc", "distilled"])
 def test_a_policy_flies_as_its_network_says(tmp_path: Path, rival: str) -> None:
     """The first steps of the first members, in environments of the test; there is no prediction, and no look-up."""
     own = config(tmp_path, f"rival={rival}", "rival.members=2", "rival.rounds=1")
@@ -74,7 +75,7 @@ def test_a_policy_flies_as_its_network_says(tmp_path: Path, rival: str) -> None:
     assert set(runs["planner"]) == {rival} and set(runs["lookup_error"]) == {0.0}
 
 
-@pytest.mark.parametrize("rival", ["cloning", "distilled"])
+@pytest.mark.parametrize("rival", ["cloning", "td3_bc", "distilled"])
 def test_an_interrupted_training_goes_on_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rival: str
 ) -> None:
@@ -84,15 +85,16 @@ def test_an_interrupted_training_goes_on_to_the_same_bytes(
     command = [sys.executable, "-W", "ignore", "-c", "from affmap.cli.run import main; main()", *arguments]
     subprocess.run(command, check=True, cwd=tmp_path, capture_output=True)
     (undisturbed,) = (path for path in (tmp_path / "whole" / "policy").iterdir() if path.suffix == "")
-    rounds, whole = [], Imitator.round
+    learner = Offline if rival == "td3_bc" else Imitator
+    rounds, whole = [], learner.round
 
-    def failing(self: Imitator) -> Any:
+    def failing(self: Any) -> Any:
         rounds.append(self.num_rounds)
         if rounds == [0, 1]:
             raise RuntimeError("power cut")
         return whole(self)
 
-    monkeypatch.setattr(Imitator, "round", failing)
+    monkeypatch.setattr(learner, "round", failing)
     own = config(tmp_path, *line)
     with pytest.raises(RuntimeError, match="power cut"):
         execution.run(own)
@@ -101,13 +103,18 @@ def test_an_interrupted_training_goes_on_to_the_same_bytes(
     assert rounds == [0, 1, 1, 2] and (undisturbed / WEIGHTS).is_file()
 
 
-def test_reinforcement_is_a_stage_that_few_members_have(tmp_path: Path) -> None:
-    """One member of three; its policy, and the runs of this member alone."""
+@pytest.mark.parametrize("rival", ["ppo_million", "sac"])
+def test_reinforcement_is_a_stage_that_few_members_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rival: str
+) -> None:
+    """One member of three; its policy, and the runs of this member alone. Once it is trained, its library may go."""
     pytest.importorskip("stable_baselines3")
-    own = config(tmp_path, "rival=ppo_million", "rival.members=1", "rival.num_steps=20")
+    own = config(tmp_path, f"rival={rival}", "rival.members=1", "rival.num_steps=20")
     setting = execution.run(own)
     assert len(load_policy(own, setting.folders["policy"][0]).network.layers[0].weight) == 1
     assert set(pd.read_csv(setting.control[0] / "runs.csv")["member"]) == {0}
+    monkeypatch.setattr("affmap.pipeline.machine.find_spec", lambda name: None)
+    assert execution.run(own) == setting
 
 
 def test_a_library_that_is_missing_is_named_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,15 +125,25 @@ def test_a_library_that_is_missing_is_named_at_once(tmp_path: Path, monkeypatch:
     assert not (tmp_path / "store").exists()
 
 
+def test_a_library_is_needed_only_to_train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stages that are planned, with and without the policy."""
+    monkeypatch.setattr("affmap.pipeline.machine.find_spec", lambda name: None)
+    own = config(tmp_path, "rival=sac")
+    planned = stages_of(own)
+    check_rival(own, [stage for stage in planned if stage.name != "policy"])
+    with pytest.raises(MachineError, match=r"rival = 'sac' needs a package"):
+        check_rival(own, planned)
+
+
 CHANGES = {
-    "data.seed=1": {"cloning", "distilled"},
+    "data.seed=1": {"cloning", "td3_bc", "distilled"},
     "model.context_size=3": {"distilled"},
     "planner.num_iterations=2": {"distilled"},
     "control.beta=2": {"distilled"},
-    "training_layouts=[two_obstacles]": {"cloning", "distilled", "ppo"},
-    "vehicle.mass=0.2": {"cloning", "distilled", "ppo"},
-    "seed=3": {"cloning", "distilled", "ppo"},
-    "rival_share=0.5": {"cloning", "distilled", "ppo"},
+    "training_layouts=[two_obstacles]": {"cloning", "td3_bc", "distilled", "ppo", "sac"},
+    "vehicle.mass=0.2": {"cloning", "td3_bc", "distilled", "ppo", "sac"},
+    "seed=3": {"cloning", "td3_bc", "distilled", "ppo", "sac"},
+    "rival_share=0.5": {"cloning", "td3_bc", "distilled", "ppo", "sac"},
     "control_layout=two_obstacles": set(),
     "report.map_spacing=0.1": set(),
 }
@@ -137,7 +154,7 @@ CHANGES = {
 def test_a_policy_depends_on_its_source_alone(tmp_path: Path, change: str) -> None:
     """The table above; control, which flies it, depends on all of them, and on the version of its training."""
     anew = set()
-    for rival in ("cloning", "distilled", "ppo"):
+    for rival in ("cloning", "td3_bc", "distilled", "ppo", "sac"):
         before, after = config(tmp_path, f"rival={rival}"), config(tmp_path, f"rival={rival}", change)
         one, other = policy_of(before), policy_of(after)
         assert one and other

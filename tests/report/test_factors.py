@@ -133,6 +133,20 @@ def test_every_choice_of_factors_is_drawn(
     assert all(value != NOTHING for row in rows for value in row[-len(results.x_values) :])
 
 
+def test_policies_have_no_validation_loss_of_the_models(tmp_path: Path) -> None:
+    """Beside agents that share a training with them, in the table of medians."""
+    stages = write_stages(tmp_path, (8,), planners=("cem", "gradient"), members=2, epochs=1)
+    policies = [
+        Setting(each.values, {**each.folders, "policy": each.control}) if each.planner == "gradient" else each
+        for each in stages
+    ]
+    for settings, is_blank in ((stages, False), (policies, True)):
+        content = content_of(Results(tuple(settings), None, "planner"), ReportSettings.load("report", "default"))
+        _, (loss, *others) = table_of(content.medians())
+        assert (loss[-1] == NOTHING) == is_blank and loss[-2] != NOTHING
+        assert all(NOTHING not in row[-2:] for row in others)
+
+
 def test_one_key_cannot_be_both_factors(tmp_path: Path) -> None:
     results = Results(tuple(write_stages(tmp_path, (0, 8), members=1, epochs=1)), None, "planner", "planner")
     with pytest.raises(ConfigError, match=r"report.x and report.color are both 'planner'; name two keys"):

@@ -25,7 +25,7 @@ from affmap.report.figures import results as main_results
 from affmap.report.figures import world as world_figure
 from affmap.results import examples, failures
 from affmap.results.files import Trajectories
-from affmap.results.setting import CONTEXT_SIZE, Factor, ReportSettings, Setting, make_factor
+from affmap.results.setting import CONTEXT_SIZE, PLANNER, Factor, ReportSettings, Setting, make_factor
 from affmap.results.tables import Results
 from affmap.settings import ConfigError
 
@@ -89,6 +89,17 @@ def test_a_panel_of_agents_that_predict_nothing_says_so() -> None:
     ax = numbers.boxes(Figure().subplots(), both, "prediction_error", groups)
     assert sum(isinstance(patch, PathPatch) for patch in ax.patches) == 1 and not ax.texts
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["EB", "random"]
+
+
+def test_names_without_a_number_have_no_place_on_the_axis() -> None:
+    """Of an agent and a policy, which predicts nothing; the distance of both is shown."""
+    runs = pd.DataFrame({"planner": ["cem"] * 3 + ["ppo"] * 3, "layout": "original", "prediction_error": [-9.0, -8, -7]
+                         + [np.nan] * 3, "mean_distance": 1.0})  # fmt: skip
+    names = {"cem": "agent", "ppo": "PPO"}
+    groups = Groups("layout", {"original": "home"}, {"home": "#0072B2"}, PLANNER, names)
+    for metric, shown in (("prediction_error", ["agent"]), ("mean_distance", ["agent", "PPO"])):
+        ax = numbers.boxes(Figure().subplots(), runs, metric, groups)
+        assert [text.get_text() for text in ax.get_xticklabels()] == shown
 
 
 def test_errors_that_are_infinite_have_no_boxes() -> None:

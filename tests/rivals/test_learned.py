@@ -1,4 +1,4 @@
-"""PPO by Stable-Baselines3."""
+"""PPO and SAC by Stable-Baselines3."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,17 @@ from affmap.env.body import Vehicle
 from affmap.env.layout import Layout
 from affmap.rivals.learned import Reinforced
 from affmap.rivals.policy import Policy, pixels_of, state_of
-from affmap.rivals.settings import Reinforcement
+from affmap.rivals.settings import PPO, SAC, Reinforcement
 
 VEHICLE = Vehicle.load("vehicle", "default")
-SMALL = Reinforcement.load("rival", "ppo", hidden_sizes=[5, 4], steps=2048, num_vehicles=4, num_steps=20)
+SMALL = PPO.load("rival", "ppo", hidden_sizes=[5, 4], steps=2048, num_vehicles=4, num_steps=20)
+SAC_SMALL = SAC.load("rival", "sac", hidden_sizes=[5, 4], steps=160, num_vehicles=4, num_steps=20)
+COMMON = ("batch_size", "gamma", "ent_coef", "learning_rate")
+DEFAULTS = {
+    "PPO": (*COMMON, "n_epochs", "gae_lambda", "vf_coef", "max_grad_norm"),
+    "SAC": (*COMMON, "tau", "learning_starts", "train_freq", "target_entropy", "target_update_interval"),
+}
+"""Values of the libraries that ours keep."""
 
 
 def seen(number: int) -> Observation:
@@ -24,40 +31,38 @@ def seen(number: int) -> Observation:
     )
 
 
-def test_a_policy_acts_as_its_library_says(world: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("own", [SMALL, SAC_SMALL], ids=["PPO", "SAC"])
+def test_a_policy_acts_as_its_library_says(world: Layout, monkeypatch: pytest.MonkeyPatch, own: Reinforcement) -> None:
     """The library's own `predict`, and its defaults in all else."""
     library = pytest.importorskip("stable_baselines3")
-    learners = []
+    name = own.kind.upper()  # type: ignore[attr-defined]
+    algorithm, learners = getattr(library, name), []
 
-    class Kept(library.PPO):  # type: ignore[misc, name-defined]
+    class Kept(algorithm):  # type: ignore[misc, valid-type]
         def __init__(self, *arguments: object, **options: object) -> None:
             super().__init__(*arguments, **options)
             learners.append(self)
 
-    monkeypatch.setattr(library, "PPO", Kept)
-    own, observation = Reinforced(SMALL, [3, 4], [world], VEHICLE), seen(6)
-    own.round()
-    own.round()
-    assert own.num_rounds == own.total == 2
-    decision, _ = Policy(own.network).act(observation, None, [])
+    monkeypatch.setattr(library, name, Kept)
+    learned, observation = Reinforced(own, [3, 4], [world], VEHICLE), seen(6)
+    learned.round()
+    learned.round()
+    assert learned.num_rounds == learned.total == 2
+    decision, _ = Policy(learned.network).act(observation, None, [])
     inputs = torch.cat([state_of(observation), pixels_of(observation)], dim=1).numpy()
     for member, learner in enumerate(learners):
         mine = slice(3 * member, 3 * member + 3)
         actions, _ = learner.predict(inputs[mine], deterministic=True)
         np.testing.assert_allclose(decision.action[mine], ((actions + 1) / 2).clip(0, 1), atol=1e-5)
-    default = library.PPO("MlpPolicy", learners[0].get_env())
-    for key in (
-        "batch_size",
-        "n_epochs",
-        "gamma",
-        "gae_lambda",
-        "ent_coef",
-        "vf_coef",
-        "max_grad_norm",
-        "learning_rate",
-    ):
+    default = algorithm("MlpPolicy", learners[0].get_env())
+    for key in DEFAULTS[name]:
         assert getattr(learners[0], key) == getattr(default, key), key
-    assert learners[0].n_steps * 4 == default.n_steps
+    assert learners[0].policy.activation_fn is default.policy.activation_fn
+    if name == "PPO":
+        assert learners[0].n_steps * 4 == default.n_steps
+    else:
+        assert learners[0].replay_buffer.full
+        assert learners[0]._n_updates == own.steps - default.learning_starts
 
 
 def test_a_member_is_the_same_alone_and_the_next_one_another(world: Layout) -> None:

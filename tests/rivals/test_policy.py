@@ -7,6 +7,7 @@ from torch import Tensor
 
 from affmap.control.controller import Observation
 from affmap.rivals.policy import CHANGE, Network, Policy, pixels_of, state_of
+from affmap.rivals.settings import Activation
 
 
 def network(members: int, channels: int = 2, **options: object) -> Network:
@@ -22,23 +23,24 @@ def observation(number: int, channels: int = 2) -> Observation:
     return Observation.of(rows)
 
 
-def by_hand(model: Network, member: int, state: Tensor, pixels: Tensor, squash: bool) -> Tensor:
+def by_hand(model: Network, member: int, state: Tensor, pixels: Tensor, squash: bool, activation: Activation) -> Tensor:
     """One member, as PyTorch's functions have it."""
     if model.view is not None:
         pixels = torch.tanh(torch.nn.functional.linear(pixels, model.view.weight[member].T, model.view.bias[member]))
     values = torch.cat([state, pixels], dim=1)
     for number, layer in enumerate(model.layers):
         values = torch.nn.functional.linear(values, layer.weight[member].T, layer.bias[member])
-        if squash or number < 2:
-            values = torch.tanh(values)
-    return values
+        if number < 2:
+            values = getattr(torch, activation)(values)
+    return torch.tanh(values) if squash else values
 
 
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
 @pytest.mark.parametrize("squash", [True, False])
 @pytest.mark.parametrize("view_units", [0, 3])
-def test_a_policy_acts_as_its_network_says(view_units: int, squash: bool) -> None:
+def test_a_policy_acts_as_its_network_says(view_units: int, squash: bool, activation: Activation) -> None:
     """PyTorch's own layers, member by member; B vehicles are member-major, and actions are openings in [0, 1]."""
-    model, seen = network(3, view_units=view_units, squash=squash), observation(6)
+    model, seen = network(3, view_units=view_units, squash=squash, activation=activation), observation(6)
     with torch.no_grad():
         for each in model.parameters():
             each.mul_(3)  # so that some outputs are beyond what can be executed
@@ -47,7 +49,7 @@ def test_a_policy_acts_as_its_network_says(view_units: int, squash: bool) -> Non
     pixels = seen.view.float().flatten(1)
     for member in range(3):
         own = slice(2 * member, 2 * member + 2)
-        expected = ((by_hand(model, member, state[own], pixels[own], squash) + 1) / 2).clamp(0, 1)
+        expected = ((by_hand(model, member, state[own], pixels[own], squash, activation) + 1) / 2).clamp(0, 1)
         torch.testing.assert_close(decision.action[own], expected)
     assert (decision.action == 0).any() or squash
     assert decision.path.mean.isnan().all() and decision.delta.log_std.isnan().all()

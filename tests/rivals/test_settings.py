@@ -2,9 +2,12 @@
 
 import pytest
 
-from affmap.rivals.settings import Cloning, Distillation, Reinforcement, Rival
+from affmap.rivals.settings import PPO, SAC, TD3BC, Cloning, Distillation, Rival
 
-ALL = [Cloning.load("rival", "cloning"), Distillation.load("rival", "distilled"), Reinforcement.load("rival", "ppo")]
+KINDS: dict[str, type[Rival]] = {
+    "cloning": Cloning, "distilled": Distillation, "td3_bc": TD3BC, "ppo": PPO, "ppo_million": PPO, "sac": SAC
+}  # fmt: skip
+ALL = [kind.load("rival", name) for name, kind in KINDS.items()]
 
 
 @pytest.mark.parametrize("rival", ALL, ids=[rival.name for rival in ALL])

@@ -7,7 +7,7 @@ from affmap.experiments.exp10.pairs import AGENT, HOME, UNSEEN, at_most, compare
 from affmap.results.claims import Claim, Criterion, Test
 from affmap.results.tables import Results
 
-DISTILLED, CLONING, PPO, LONG = "distilled", "cloning", "ppo", "ppo_million"
+DISTILLED, CLONING, OFFLINE, PPO, SAC, LONG = "distilled", "cloning", "td3_bc", "ppo", "sac", "ppo_million"
 """Rivals, by their names in the column of planners."""
 
 METRIC = "mean_distance"
@@ -56,5 +56,35 @@ CLAIMS = (
         "X-9",
         "In two worlds that neither has seen the agent flies better than PPO with a million steps.",
         _all([(AGENT, LONG)], UNSEEN, lower, _LOWER),
+    ),
+    Claim(
+        "X-10",
+        "With as many steps of experience, 60,000, the agent flies better at home than SAC.",
+        _all([(AGENT, SAC)], [HOME], lower, _LOWER),
+    ),
+    Claim(
+        "X-11",
+        "From the same steps of random exploration, the agent flies better at home than TD3+BC.",
+        _all([(AGENT, OFFLINE)], [HOME], lower, _LOWER),
+    ),
+    Claim(
+        "X-12",
+        "In two worlds that neither has seen the agent flies better than SAC.",
+        _all([(AGENT, SAC)], UNSEEN, lower, _LOWER),
+    ),
+    Claim(
+        "X-13",
+        "In two worlds that neither has seen the agent flies better than TD3+BC.",
+        _all([(AGENT, OFFLINE)], UNSEEN, lower, _LOWER),
+    ),
+    Claim(
+        "X-14",
+        "From the same steps of random exploration, TD3+BC flies better at home than behaviour cloning.",
+        _all([(OFFLINE, CLONING)], [HOME], lower, _LOWER),
+    ),
+    Claim(
+        "X-15",
+        "With as many steps of experience, 60,000, SAC flies better at home than PPO.",
+        _all([(SAC, PPO)], [HOME], lower, _LOWER),
     ),
 )

@@ -53,7 +53,8 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     """Draw box plots of a metric of control by context size or another factor, as in the paper.
 
     Boxes are quartiles, whiskers extend to the last point within 1.5 interquartile ranges, outliers are not drawn.
-    The axis is logarithmic if errors reach far beyond the others.
+    The axis is logarithmic if errors reach far beyond the others. Values on the x axis without any number, such as
+    policies, which predict nothing, have no place on it.
 
     Args:
         ax: where to draw.
@@ -64,6 +65,7 @@ def boxes(ax: Axes, runs: pd.DataFrame, metric: str, groups: Groups, paper: Span
     """
     if not np.isfinite(runs[metric].astype(float)).any():  # seaborn needs a number
         return unpredicted(ax, METRICS[metric].name)
+    runs = runs[runs.groupby(groups.x.column)[metric].transform("count") > 0]
     mark(ax, paper)
     with warnings.catch_warnings():  # seaborn 0.13 hands matplotlib an argument that is going to be renamed
         warnings.filterwarnings("ignore", "vert: bool", DeprecationWarning)
