@@ -722,6 +722,11 @@ def test_what_readme_says_of_experiments_beyond_the_paper_is_what_they_found() -
         "{:.2f} u from where it is (gated recurrent units; GateL0RD {:.2f} u), which is half the error without a hidden"
     )
     assert told.format(*errors) in text and f"state, {errors[2]:.2f} u, and six times the goal." in text
+    memory = pd.read_csv(ROOT / "runs/reference/exp9_map/tables/claims.csv").set_index("claim")["effect"]
+    known = [f"{0 if abs(each) < 0.005 else each:+.2f} u".replace("-", "−") for each in memory["IX-9"].dropna()]
+    assert "{}, {}, {} and {} in four worlds".format(*known).replace("+0.00", "0.00") in text
+    costs, left = memory["IX-10"], memory["IX-11"]
+    assert f"an outdated map costs {costs:.2f} u; after 50 steps of flight {left:.2f} u are left" in text
     varied = pd.read_csv(ROOT / "runs/reference/exp10_factors/tables/claims.csv").query(
         "claim == 'X-1' and part != 'all'"
     )
