@@ -50,9 +50,9 @@ Score = Callable[[Online, float], Floats]
 
 def _falls(results: Results, score: Score, unit: str, statistic: Statistic = "mean") -> list[Criterion]:
     online = Online(results, WEIGHT)
-    scores = [score(online, float(weight)) for weight in online.kinds]
-    if {len(each) for each in scores} in ({0}, set()):
-        outcome = statistics.undecided(claims.TREND, 0, "needs agents with goals")
+    scores = [score(online, weight) for weight in sorted(map(float, online.kinds))]
+    if len({len(each) for each in scores}) != 1 or not len(scores[0]):
+        outcome = statistics.undecided(claims.TREND, 0, "needs agents with goals, as many of each weight")
     else:
         outcome = claims.with_note(statistics.trend(np.transpose(scores), "falls", statistic), [online.note])
     return [Criterion("", "largest weight minus none", unit, outcome)]

@@ -152,6 +152,7 @@ def _caption(kinds: Sequence[Kind], has_fog: bool, has_goals: bool) -> str:
     in_turn = has_fog and max(len(kind.layouts) for kind in kinds) > 1
     share = "was in fog" if has_fog else "touched an obstacle or a border"
     rounds = "a round in a world with fog" if in_turn else "a round"
+    where = " in the first layout" if max(len(kind.layouts) for kind in kinds) > 1 else ""
     third = f"share of the steps of {rounds} at whose end it {share}"
     if has_goals:
         third = "goals that it reached in a round, by 1,000 steps"
@@ -159,5 +160,5 @@ def _caption(kinds: Sequence[Kind], has_fog: bool, has_goals: bool) -> str:
         "Agents that learn online, by the steps that they have made. A: validation loss, median and quartiles over "
         f"models{dashed}. B: share of the free cells that an agent has visited, and C: "
         f"{third}, mean and standard deviation over agents. Below: the places that the first "
-        "agent of each kind had visited, and how often; free cells that it had not are red."
+        "agent of each kind had visited{where}, and how often; free cells that it had not are red."
     )
