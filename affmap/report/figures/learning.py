@@ -149,16 +149,16 @@ def _visits(experience: Experience) -> Floats:
 def _caption(kinds: Sequence[Kind], has_fog: bool, has_goals: bool) -> str:
     offline = [kind.name for kind in kinds if not kind.experience]
     dashed = f"; dashed: {listed(offline)}, at the end of the training" if offline else ""
-    in_turn = has_fog and max(len(kind.layouts) for kind in kinds) > 1
+    several = max(len(kind.layouts) for kind in kinds) > 1
     share = "was in fog" if has_fog else "touched an obstacle or a border"
-    rounds = "a round in a world with fog" if in_turn else "a round"
-    where = " in the first layout" if max(len(kind.layouts) for kind in kinds) > 1 else ""
+    rounds = "a round in a world with fog" if has_fog and several else "a round"
+    where = " in the first layout" if several else ""
     third = f"share of the steps of {rounds} at whose end it {share}"
     if has_goals:
         third = "goals that it reached in a round, by 1,000 steps"
     return (
         "Agents that learn online, by the steps that they have made. A: validation loss, median and quartiles over "
-        f"models{dashed}. B: share of the free cells that an agent has visited, and C: "
-        f"{third}, mean and standard deviation over agents. Below: the places that the first "
-        "agent of each kind had visited{where}, and how often; free cells that it had not are red."
+        f"models{dashed}. B: share of the free cells that an agent has visited, and C: {third}, mean and standard deviation "
+        f"over agents. Below: the places that the first agent of each kind had visited{where}, and how often; free cells "
+        "that it had not are red."
     )
