@@ -158,7 +158,7 @@ def _caption(kinds: Sequence[Kind], has_fog: bool, has_goals: bool) -> str:
         third = "goals that it reached in a round, by 1,000 steps"
     return (
         "Agents that learn online, by the steps that they have made. A: validation loss, median and quartiles over "
-        f"models{dashed}. B: share of the free cells that an agent has visited, and C: {third}, mean and standard deviation "
-        f"over agents. Below: the places that the first agent of each kind had visited{where}, and how often; free cells "
-        "that it had not are red."
+        f"models{dashed}. B: share of the free cells that an agent has visited, and C: {third}, mean and standard "
+        f"deviation over agents. Below: the places that the first agent of each kind had visited{where}, and how "
+        "often; free cells that it had not are red."
     )
