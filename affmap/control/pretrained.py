@@ -55,7 +55,8 @@ def load(
         transition: the transition model, such as `gru`, of those that the experiment has, or the name of how it learns
             (`conf/learner`, `conf/learning`), or its name in the report; by default the first. (In `exp6_radii` that is
             `mlp_one_radius`, the paper's model trained with circles of one radius, in `exp8` `offline`.) The rivals of
-            `exp10` are no agents, and have none; `affmap rival=...` trains and flies them.
+            `exp10` are no agents, and have none; `affmap rival=...` trains and flies them. Agents of `exp9_map` look
+            into views here; `affmap memory=...` gives them their maps.
         threads: of PyTorch, for the affordance map.
 
     Raises:
