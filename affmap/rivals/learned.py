@@ -74,10 +74,11 @@ def train(settings: Reinforcement, seed: int, layouts: Sequence[Layout], vehicle
         "device": "cpu",
     }
     if isinstance(settings, PPO):
-        learner = library.PPO("MlpPolicy", vehicles, n_steps=ROLLOUT // settings.num_vehicles, **options)
-        parts = learner.policy.mlp_extractor.policy_net, learner.policy.action_net
+        ppo = library.PPO("MlpPolicy", vehicles, n_steps=ROLLOUT // settings.num_vehicles, **options)
+        policy = ppo.learn(settings.steps).policy
+        parts: tuple[torch.nn.Module, ...] = policy.mlp_extractor.policy_net, policy.action_net
     else:  # an update for each step of each vehicle; of a buffer of a million, as by default, most would stay empty
-        learner = library.SAC("MlpPolicy", vehicles, gradient_steps=-1, buffer_size=settings.steps, **options)
-        parts = learner.actor.latent_pi, learner.actor.mu
-    learner.learn(settings.steps)
+        sac = library.SAC("MlpPolicy", vehicles, gradient_steps=-1, buffer_size=settings.steps, **options)
+        actor = sac.learn(settings.steps).actor
+        parts = actor.latent_pi, actor.mu
     return [layer for part in parts for layer in part.modules() if isinstance(layer, torch.nn.Linear)]
