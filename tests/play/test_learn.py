@@ -105,9 +105,10 @@ def test_a_window_shows_it_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -
     [
         (
             "offline",
-            "--learning offline explores first and learns later; choose deviation, disagreement, information, random",
+            "--learning offline explores first and learns later; choose deviation, disagreement, goals, information, "
+            "random",
         ),
-        ("greed", "--learning greed does not exist; there are: deviation, disagreement, information, random"),
+        ("greed", "--learning greed does not exist; there are: deviation, disagreement, goals, information, random"),
     ],
 )
 def test_kinds_that_do_not_learn_online_are_refused(kind: str, told: str) -> None:

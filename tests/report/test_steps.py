@@ -128,7 +128,7 @@ def test_of_many_models_the_first_and_the_last_ones_are_shown(write_stages: Writ
     members = figure_of_maps.draw(found, settings)
     assert members is not None
     heads = [part.get_suptitle().rpartition(" = ")[2] for part in members.figure.subfigs[:3]]
-    assert heads == [names[0], *names[5:]] and "model b, transition = model c" in members.caption
+    assert heads == [names[0], *names[5:]] and "model b”, “transition = model c”" in members.caption
     moments = trajectories.draw(found, settings)
     assert [ax.get_title("left").split(",")[0] for ax in moments.figure.axes if ax.axison] == [
         f"transition = {name}" for name in (names[0], *names[5:])
