@@ -119,7 +119,8 @@ def test_all_of_the_paper_and_all_beyond_it_are_one_report_each(place: Path, vol
 def test_nothing_is_computed_twice(place: Path) -> None:
     """By hand: I trains two models, II none, III two and its longer one, IV two, V two for both, VI five
     with V's data and five, two of them with these data, VII one, its doors one, VIII ten and five with goals
-    with I's and IV's data and four with V's, IX three in each of two worlds, its maps and X one with I's data, which rivals share."""
+    with I's and IV's data and four with V's, IX three in each of two worlds, its maps and X
+    one with I's data, which rivals share."""
     kept = {
         name: [path for path in (place / "runs/store" / name).iterdir() if path.suffix == ""]
         for name in ("data", "train")
