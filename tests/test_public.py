@@ -275,6 +275,13 @@ def test_readme_says_what_agents_that_learn_online_found() -> None:
     near = pd.read_csv(folder / "runs.csv").query(f"{weight} == 0")["mean_distance"].mean()
     assert f"its models have {minus}{-alone:.2f} nats, and each of them is {near:.2f} u from its goals" in text
     assert f"flights (offline {offline:.2f} u, not told apart)" in text
+    (reached,) = [
+        1000 * read_experience([folder]).goals.mean(0)  # by round of 100 steps, mean over agents
+        for folder, config in records.items()
+        if config.get("learning", {}).get("kind") == "goals" and config["learning"]["information_weight"] == 0
+    ]
+    assert f"It reaches {reached[:10].mean():.0f} goals in its first thousand steps, later" in text
+    assert f"later {reached[-20:].mean():.0f}. Curiosity" in text
     worlds = pd.read_csv(ROOT / "runs/reference/exp8_worlds/tables/validation.csv").query("epoch == 500")
     losses = -worlds.groupby("learning")["validation_nll"].median()
     order = ("disagreement", "information", "random", "offline")

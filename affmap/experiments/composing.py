@@ -19,7 +19,7 @@ from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.setting import LAYOUT, Factor, Setting
 from affmap.results.statistics import Order, Outcome, undecided
-from affmap.results.tables import Results, score_matrix
+from affmap.results.tables import Results
 
 EASY, HARD, CROWDED = "procedural_easy", "procedural_hard", "procedural_crowded_hard"
 """Layouts."""
@@ -42,13 +42,11 @@ class Models:
 
     def runs(self, model: str, layout: str) -> pd.DataFrame:
         """Runs of a model in a layout; none if it was not flown there."""
-        runs = claims.select_runs(self.results, layout)
-        return runs[runs[self.factor.column] == model] if self.factor.column in runs else runs.iloc[:0]
+        return claims.runs_with(self.results, self.factor, model, layout)
 
     def scores(self, model: str, layout: str, metric: str = "success") -> Floats:
         """Means of a metric over the runs of each member, `[M]`; empty if the model was not flown there."""
-        runs = self.runs(model, layout)
-        return score_matrix(runs, metric).to_numpy(float)[:, 0] if len(runs) else np.empty(0)
+        return claims.member_scores(self.results, metric, self.factor, model, layout).to_numpy()
 
     def losses(self, model: str) -> Floats:
         """Validation losses of the members after the last epoch, `[M]`, nats; empty if the model was not trained."""

@@ -14,7 +14,7 @@ from affmap.results.files import Floats
 from affmap.results.metrics import METRICS
 from affmap.results.setting import LEARNING, Factor, Setting, Value
 from affmap.results.statistics import Outcome
-from affmap.results.tables import Results, score_matrix
+from affmap.results.tables import Results
 
 OFFLINE, RANDOM, DEVIATION, DISAGREEMENT, INFORMATION = "offline", "random", "deviation", "disagreement", "information"
 """Kinds of learning."""
@@ -60,9 +60,8 @@ class Online:
 
     def scores(self, kind: Value, metric: str, layout: str) -> Floats:
         """Mean of a metric over the runs of each agent in a layout, `[A]`."""
-        runs = claims.select_runs(self.results, layout)
-        runs = runs[runs[self.factor.column] == kind] if self.factor.column in runs else runs.iloc[:0]
-        return self._by_agent(score_matrix(runs, metric).iloc[:, 0], np.mean) if len(runs) else np.empty(0)
+        scores = claims.member_scores(self.results, metric, self.factor, kind, layout)
+        return self._by_agent(scores, np.mean) if len(scores) else np.empty(0)
 
     def in_fog(self, kind: Value) -> Floats:
         """Share of the steps of each agent's exploration that ended in fog, `[A]`."""

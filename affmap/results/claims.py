@@ -19,7 +19,7 @@ from affmap.results import statistics
 from affmap.results.files import Floats, Maps
 from affmap.results.metrics import METRICS
 from affmap.results.numbers import number, p_value
-from affmap.results.setting import CONTEXT_SIZE, Factor
+from affmap.results.setting import CONTEXT_SIZE, Factor, Value
 from affmap.results.statistics import Direction, Order, Outcome, Verdict
 from affmap.results.tables import Results, score_matrix
 
@@ -112,6 +112,18 @@ def select_runs(results: Results, layout: str | None = None, planner: str = "cem
     """The runs of a planner, in one layout or all. The paper's Experiments II to V have the evolutionary one only."""
     runs = results.runs[results.runs["planner"] == planner]
     return runs if layout is None else runs[runs["layout"] == layout]
+
+
+def runs_with(results: Results, factor: Factor, value: Value, layout: str) -> pd.DataFrame:
+    """The runs with a value of a factor in a layout; none where it was not flown."""
+    runs = select_runs(results, layout)
+    return runs[runs[factor.column] == value] if factor.column in runs else runs.iloc[:0]
+
+
+def member_scores(results: Results, metric: str, factor: Factor, value: Value, layout: str) -> pd.Series[float]:
+    """Mean of a metric over each member's `runs_with` a value; empty where there are none."""
+    runs = runs_with(results, factor, value, layout)
+    return score_matrix(runs, metric).iloc[:, 0].astype(float) if len(runs) else pd.Series(dtype=float)
 
 
 def trend(

@@ -26,11 +26,6 @@ LOSS, DISTANCE, KEPT = -9.27, 0.45, 0.9
 GOALS, LOSSES = "goals per 1,000 steps", METRICS["validation_nll"]
 
 
-def losses(online: Online, weight: float) -> Floats:
-    """Validation loss of each agent with a weight after its last round, `[A]` in nats."""
-    return online.losses(weight)
-
-
 def distances(online: Online, weight: float) -> Floats:
     """Mean distance from the goal in the control of each agent, `[A]` in u."""
     return online.scores(weight, "mean_distance", WORLD)
@@ -83,7 +78,7 @@ CLAIMS = (
         "VIII-46",
         "Goals alone: after 10,000 steps agents predict as well as models that learned offline from 48,000 with as "
         f"many updates; their loss is below {LOSS:g} nats.".replace("-", "\N{MINUS SIGN}"),
-        partial(_below, score=losses, unit=LOSSES.unit, level=LOSS),
+        partial(_below, score=Online.losses, unit=LOSSES.unit, level=LOSS),
     ),
     Claim(
         "VIII-47",
@@ -93,7 +88,7 @@ CLAIMS = (
     Claim(
         "VIII-48",
         "Curiosity: the larger the weight of the information gain, the lower the loss.",
-        partial(_falls, score=losses, unit=LOSSES.unit, statistic=LOSSES.statistic),
+        partial(_falls, score=Online.losses, unit=LOSSES.unit, statistic=LOSSES.statistic),
     ),
     Claim(
         "VIII-49",

@@ -13,7 +13,7 @@ from affmap.results.metrics import METRICS
 from affmap.results.numbers import number
 from affmap.results.setting import LAYOUT, Setting, make_factor
 from affmap.results.statistics import Outcome
-from affmap.results.tables import Results, score_matrix
+from affmap.results.tables import Results
 
 MODEL = make_factor("model.transition")
 """The transition model, a file of `conf/model/transition`."""
@@ -49,9 +49,7 @@ class Models:
 
     def reached(self, model: str, layout: str) -> Floats:
         """Share of the runs of each member that reach the goal, `[M]`."""
-        runs = claims.select_runs(self.results, layout)
-        runs = runs[runs[MODEL.column] == model] if MODEL.column in runs else runs.iloc[:0]
-        return score_matrix(runs, "reached").to_numpy(float)[:, 0] if len(runs) else np.empty(0)
+        return claims.member_scores(self.results, "reached", MODEL, model, layout).to_numpy()
 
     def errors(self, model: str, layout: str) -> Floats:
         """Error of each member's belief `STEPS` steps into fog, `[M]` in u; NaN if it never was so long."""

@@ -12,7 +12,7 @@ from affmap.results.files import Floats, Recall
 from affmap.results.metrics import METRICS
 from affmap.results.setting import LAYOUT, make_factor
 from affmap.results.statistics import Outcome
-from affmap.results.tables import Results, score_matrix
+from affmap.results.tables import Results
 
 MEMORY = make_factor("memory")
 """The memory, a file of `conf/memory`."""
@@ -44,9 +44,7 @@ class Memories:
 
     def scores(self, memory: str, layout: str, metric: str) -> Floats:
         """Mean of a metric over the runs of each member, `[M]`."""
-        runs = claims.select_runs(self.results, layout)
-        runs = runs[runs[MEMORY.column] == memory] if MEMORY.column in runs else runs.iloc[:0]
-        return score_matrix(runs, metric).to_numpy(float)[:, 0] if len(runs) else np.empty(0)
+        return claims.member_scores(self.results, metric, MEMORY, memory, layout).to_numpy()
 
     def recall(self, memory: str, layout: str) -> Recall | None:
         """The memorised maps of a memory in a layout."""
