@@ -185,7 +185,7 @@ def _acting(agents: Agents, repeats: int = 1) -> list[Contender]:
     weights = [torch.Generator().manual_seed(seed) for seed in seeds]
     controllers = {
         "affmap": Agent(agents.stack, agents.lookup, SETTINGS, agents.settings),
-        "distilled policy": Policy(Network(weights, channels, rival.hidden_sizes, rival.view_units)),
+        "distilled policy": Policy(Network.of(rival, weights, channels)),
     }
 
     def contender(name: str, controller: Controller) -> Contender:
